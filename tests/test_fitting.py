@@ -83,7 +83,7 @@ def test_a_seed_that_is_none_is_refused_before_anything_else(seed):
 
 
 def test_questions_in_a_list_are_refused_by_name(fitted):
-    with pytest.raises(bt.InputError, match="column questions: .*each by itself"):
+    with pytest.raises(bt.InputError, match=r"column questions: .*each by itself"):
         fitted.ask(["K > 3000"])
 
 

@@ -151,7 +151,7 @@ def keep_compiled() -> None:
 
 
 def quieten_libraries() -> None:
-    """Keep libraries' warnings off the console, also those of worker processes: they are no one's concern there.
+    """Keep libraries' warnings off the console, those of worker processes too.
 
     Such as that something compiles slowly, or a division. Must be called before JAX is imported.
     ``PYTHONWARNINGS`` and ``TF_CPP_MIN_LOG_LEVEL`` have them shown.

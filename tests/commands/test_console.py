@@ -119,5 +119,7 @@ def test_the_command_line_shows_no_library_s_warning(monkeypatch):
     assert not caught
     shown = "import warnings; warnings.warn('divide by zero', RuntimeWarning)"
     # A worker process has the environment.
-    worker = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True, check=True)
+    worker = subprocess.run(  # noqa: S603 - this Python
+        [sys.executable, "-c", shown], capture_output=True, text=True, check=True
+    )
     assert worker.stderr == ""
