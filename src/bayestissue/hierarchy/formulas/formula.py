@@ -21,6 +21,7 @@ from bayestissue.hierarchy.formulas.identifiability import (
     aliased,
     lacking,
     missing,
+    told_by_mass,
     unidentified,
     unsuited_columns,
     written_twice,
@@ -148,8 +149,16 @@ def _unread(formula: str, error: Exception) -> str:
 
 
 def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
-    """`DEFAULT_FORMULA` less what ``rows`` can't tell, its faults being what is left out and why."""
-    return judge(DEFAULT_FORMULA, rows, reference_mass_kg)
+    """`DEFAULT_FORMULA` less what ``rows`` can't tell, its faults being what is left out and why.
+
+    Of two masses, one for each of two conditions, the exponent takes up all that differs between these.
+    """
+    judged = judge(DEFAULT_FORMULA, rows, reference_mass_kg)
+    gone = next(filter(None, (told_by_mass(term, rows) for term in judged.groups)), None)
+    if gone is None or MASS_TERM not in judged.terms.common:
+        return judged
+    left = judge(str(judged.terms.without([gone.term])), rows, reference_mass_kg)
+    return replace(left, faults=(*judged.faults, gone))
 
 
 @lru_cache
