@@ -26,6 +26,7 @@ def bayestissue(*arguments: str | Path) -> Outcome:
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.setattr(sys, "argv", ["bayestissue", *map(str, arguments)])
         patch.setattr(runtime, "keep_compiled", lambda: None)
+        patch.setattr(runtime, "quieten_libraries", lambda: None)
         patch.setattr(runtime, "configure", lambda **_: None)
         try:
             cli.main()

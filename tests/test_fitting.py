@@ -61,10 +61,30 @@ def fitted(dataset, tmp_path_factory):
     )
 
 
+@pytest.mark.parametrize(
+    ("argument", "wrong"),
+    [
+        ("model", lambda dataset: bt.fit(dataset, model=3)),
+        ("C", lambda dataset: bt.fit(dataset, K="side", C=3)),
+        ("file", lambda _: bt.plan(3)),
+        ("path", lambda _: bt.read_run(3)),
+        ("folder", lambda _: bt.init_dataset(3)),
+    ],
+)
+def test_an_argument_of_another_type_is_named(dataset, argument, wrong):
+    with pytest.raises(bt.InputError, match=f"arguments, column {argument}: found 3; expected"):
+        wrong(dataset)
+
+
 @pytest.mark.parametrize("seed", [-1, "a", 1.5, True, None, 2**63])
 def test_a_seed_that_is_none_is_refused_before_anything_else(seed):
     with pytest.raises(bt.InputError, match=r"column seed: .*a whole number from 0 to \d+. Pass"):
         bt.fit("no folder", seed=seed)
+
+
+def test_questions_in_a_list_are_refused_by_name(fitted):
+    with pytest.raises(bt.InputError, match=r"column questions: .*each by itself"):
+        fitted.ask(["K > 3000"])
 
 
 def test_a_fit_hands_out_its_posterior_summary_and_diagnostics(fitted):

@@ -119,6 +119,7 @@ def _options(
 
 def main() -> None:
     """Run the command line; what ends it before it is done is one line on standard error and a status."""
+    runtime.quieten_libraries()
     runtime.keep_compiled()
     try:
         try:

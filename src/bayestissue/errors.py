@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any, Self
 
 from bayestissue.declarations import filled
@@ -114,6 +115,22 @@ class InputError(ValueError):
     def stated(cls, key: str, file: str, *where: Any, **numbers: Any) -> Self:
         """The error of one problem; arguments as of `Problem.stated`."""
         return cls(Problem.stated(key, file, *where, **numbers))
+
+    @classmethod
+    def of_argument(cls, name: str, value: object, what: str) -> Self:
+        """The error of an argument of another type than ``what`` it is to be."""
+        return cls.stated("option-value.argument", "arguments", column=name, value=value, what=what)
+
+
+def path_argument(name: str, value: object, what: str) -> Path:
+    """The path that an argument of this name is, which is to be ``what``.
+
+    Raises:
+        InputError: it is no path.
+    """
+    if isinstance(value, str | Path):
+        return Path(value)
+    raise InputError.of_argument(name, value, what)
 
 
 # From so many files on, the same problem in each is one cause.

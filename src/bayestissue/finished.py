@@ -17,7 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue import results, runtime
-from bayestissue.errors import InputError
+from bayestissue.errors import InputError, path_argument
 from bayestissue.hierarchy.specification import ModelSpecification, specification_of
 from bayestissue.inference.answers.finished import GROUPS, Finished
 from bayestissue.inference.results.meanings import UNITS, symbols
@@ -217,6 +217,9 @@ class Fit(Outlined):
         """
         from bayestissue.inference.answers.questions import ask, numbered
 
+        for question in questions:
+            if not isinstance(question, str):
+                raise InputError.of_argument("questions", question, "texts, each by itself: ask(*questions)")
         return ask(self.finished, numbered(questions))
 
     def predict(
@@ -386,7 +389,7 @@ def read_run(path: str | Path) -> Fit:
     Raises:
         InputError: it is not such a folder, or its files are damaged.
     """
-    folder = Path(path)
+    folder = path_argument("path", path, "the folder of a finished fit")
     record = read_about(folder)
     if record["kind"] != "fit" or not isinstance(record.get("model"), dict):
         raise InputError(not_a_fit(folder, record, _AGAIN))

@@ -211,6 +211,9 @@ def _checked_seed(seed: Any) -> int:
 
 def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
     """The formulas that are given, by response; that of K is C's too, where C has none."""
+    for name, formula in (("K", K), ("C", C)):
+        if not isinstance(formula, str | None):
+            raise InputError.of_argument(name, formula, "a formula as text, such as 'side + (1|subject)'")
     return {q: formula for q, formula in (("K", K), ("C", K if C is None else C)) if formula is not None}
 
 

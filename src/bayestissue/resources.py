@@ -9,7 +9,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, path_argument
 from bayestissue.settings import parse_toml, read_text, row_of
 
 Serves = Callable[[dict[str, Any]], bool]
@@ -49,7 +49,7 @@ def model_file(model: str | Path, serves: Serves) -> Path:
     names = [name for name, content in contents.items() if serves(content)]
     if isinstance(model, str) and model in names:
         return shared("models", f"{model}.toml")
-    path = Path(model)
+    path = path_argument("model", model, "a model's name, or the path of a model file")
     if path.is_file():
         return path
     if gone := Problem.of_retired("model", str(model), str(model)):

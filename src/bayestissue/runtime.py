@@ -7,6 +7,7 @@ import hashlib
 import os
 import platform
 import re
+import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -147,6 +148,18 @@ def keep_compiled() -> None:
     for name, value in _CACHE.items():
         os.environ.setdefault(name.upper(), str(value))
     warnings.filterwarnings("ignore", _UNKEPT)
+
+
+def quieten_libraries() -> None:
+    """Keep libraries' warnings off the console, those of worker processes too.
+
+    Such as that something compiles slowly, or a division. Must be called before JAX is imported.
+    ``PYTHONWARNINGS`` and ``TF_CPP_MIN_LOG_LEVEL`` have them shown.
+    """
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    if not sys.warnoptions:
+        os.environ["PYTHONWARNINGS"] = "ignore"
+        warnings.simplefilter("ignore")
 
 
 @contextmanager

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 import sys
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,7 +14,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from bayestissue import cli
+from bayestissue import cli, runtime
 from bayestissue.commands import compare, estimate
 from bayestissue.commands.console import echo, plain, show, table
 from bayestissue.errors import InputError, Problem, has_control_characters, printable
@@ -104,3 +106,20 @@ def test_first_cells_that_begin_alike_are_told_apart_on_a_narrow_terminal(monkey
     assert "left]" in said
     assert "right]" in said
     assert "…" not in said
+
+
+def test_the_command_line_shows_no_library_s_warning(monkeypatch):
+    for name in ("PYTHONWARNINGS", "TF_CPP_MIN_LOG_LEVEL"):
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
+    monkeypatch.setattr(sys, "warnoptions", [])
+    with warnings.catch_warnings(record=True) as caught:
+        runtime.quieten_libraries()
+        warnings.warn("divide by zero encountered", RuntimeWarning, stacklevel=1)
+    assert not caught
+    shown = "import warnings; warnings.warn('divide by zero', RuntimeWarning)"
+    # A worker process has the environment.
+    worker = subprocess.run(  # noqa: S603 - this Python
+        [sys.executable, "-c", shown], capture_output=True, text=True, check=True
+    )
+    assert worker.stderr == ""

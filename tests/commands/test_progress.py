@@ -34,3 +34,16 @@ def test_what_is_soon_over_says_nothing_in_a_log(
         stages("each impact's posterior", done, 4)
     told = capsys.readouterr().err.splitlines()
     assert told == ["each impact's posterior: 2 of 4, about 22 s left"]
+
+
+def test_a_stage_whose_words_go_on_keeps_its_time(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A chain says after each look how many effective draws it has."""
+    clock = iter([0.0, 0.0, 10.0, 20.0, 30.0])
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    stages = Stages(quiet=False)
+    for done in range(4):
+        stages("sampling" + ", 250 of 400 effective draws" * (done > 1), done, 5)
+    told = capsys.readouterr().err.splitlines()
+    assert told[-1] == "sampling, 250 of 400 effective draws: 2 of 5, about 30 s left"

@@ -247,6 +247,46 @@ def test_a_factor_that_a_group_hides_is_refused_with_both_names(formula, hidden,
         build_design(Formulas(K=formula, C="1"), rows, reference_mass_kg=None, source="m.toml")
 
 
+def of_masses(*masses: float, people: int = 4) -> pd.DataFrame:
+    """Three impacts of each person with each mass, a condition for each mass."""
+    cells = [(f"s{p}", f"m{m}", m) for p in range(people) for m in masses for _ in range(3)]
+    return pd.DataFrame(cells, columns=["subject", "trial", "mass_kg"])
+
+
+def test_of_two_masses_the_default_has_no_effect_of_the_condition_beside_the_exponent() -> None:
+    found, left_out = adapted(of_masses(0.5, 1.0))
+    assert found == "log(mass_kg) + (1|subject)"
+    assert list(left_out) == ["(1|trial)"]
+    for words in ("two conditions, each with one mass", "a third mass would tell it"):
+        assert words in left_out["(1|trial)"]
+    assert adapted(of_masses(0.5, 1.0, people=1))[0] == "log(mass_kg)"
+    # Weighed anew each time, they differ a little.
+    weighed = of_masses(0.5, 1.0).assign(mass_kg=lambda t: t["mass_kg"] * (1 + 0.003 * np.sin(range(len(t)))))
+    assert adapted(weighed)[0] == "log(mass_kg) + (1|subject)"
+
+
+def test_conditions_that_say_more_than_their_masses_stay_in_the_default() -> None:
+    assert adapted(of_masses(0.5, 0.7, 1.0)) == (PLAIN, {})
+    # Two masses in two conditions each; two conditions of both masses.
+    for of_trial in (["a", "b", "c"], ["a", "b", "a"]):
+        assert (
+            adapted(of_masses(0.5, 1.0).assign(trial=lambda t, n=of_trial: np.resize(n, len(t))))[0] == PLAIN
+        )
+    twice = of_masses(0.5, 1.0).assign(trial=lambda t: t["trial"] + np.resize(["a", "b", "a"], len(t)))
+    assert adapted(twice) == (PLAIN, {})
+    # A formula that is written stays as it is.
+    design = build_design(Formulas(K=PLAIN), of_masses(0.5, 1.0), reference_mass_kg=None, source="m.toml")
+    assert design.formulas.K == PLAIN
+    assert [each["of"] for each in design.terms_left_out()] == [["C"]]
+
+
+def test_two_people_with_a_mass_each_differ_by_person() -> None:
+    table = of_masses(0.5, 1.0, people=2).assign(trial="t", subject=lambda t: "s" + t["mass_kg"].astype(str))
+    found, left_out = adapted(table)
+    assert found == "(1|subject)"
+    assert "there are two people, each with one mass" in left_out["log(mass_kg)"]
+
+
 def test_names_shared_by_people_and_conditions_confuse_nothing() -> None:
     table = rows(people=4).assign(subject=lambda t: [f"{i}" for i in np.tile(np.arange(4), 4)])
     assert adapted(table)[0] == PLAIN
@@ -277,9 +317,13 @@ def test_all_that_is_wrong_with_a_formula_is_said_at_once_with_one_that_works() 
         "more than one subject",
         "several impacts for at least one trial",
         "no combination of each other",
-        'Write "energy_J" instead',
     ):
         assert words in said
+    # Of a name that is misspelt, or a cell that is empty, the formula without it is none that was asked for.
+    assert "Write" not in said
+    assert 'Write "energy_J" instead' in refusal("log(mass_kg) + energy_J + room", table)
+    gap = table.assign(side=["left", "right", "", "left"])
+    assert "Write" not in refusal("energy_J + side + {2 * energy_J}", gap)
 
 
 @pytest.mark.parametrize(

@@ -128,6 +128,8 @@ def explained(codes: Iterable[Code]) -> None:
 class Stages:
     """Called with a stage, how much of it is done and its total; shows one bar a stage.
 
+    A stage is told by its words before the first comma: what stands behind it may change as it goes on.
+
     Where standard error is no terminal, a line is printed when a stage begins and at most every ten
     seconds while it lasts, so that a log tells what takes long. ``quiet`` says nothing. No line is printed in
     the first ``patience_s`` seconds: of what is over by then a log needs none.
@@ -172,20 +174,21 @@ class Stages:
         if self._quiet:
             return
         # Sites are made in several passes over all impacts: each has a time of its own.
-        new = stage != self._stage or done < self._done
+        new = stage.split(",")[0] != self._stage.split(",")[0] or done < self._done
+        other_words = stage != self._stage
         self._stage, self._done = stage, done
         if self._bars is not None:
             if new:
                 self._finish_bar()
                 self._task = self._bars.add_task(stage, total=total)
             if self._task is not None:
-                self._bars.update(self._task, completed=done, total=total)
+                self._bars.update(self._task, description=stage, completed=done, total=total)
             return
         now = time.monotonic()
         # The first part of a stage has what is compiled in it: the time left is told from the others.
         if new or not self._done_before:
             self._began, self._done_before = now, done
-        if now >= self._silent_until and (new or now - self._spoke > self.interval_s):
+        if now >= self._silent_until and (other_words or new or now - self._spoke > self.interval_s):
             self._spoke = now
             count = f": {done} of {total}{self._remaining(now, done, total)}" if total > 1 else ""
             print(f"{stage}{count}", file=sys.stderr, flush=True)  # noqa: T201

@@ -14,7 +14,7 @@ from bayestissue.dataset.files import BEFORE_PART
 from bayestissue.dataset.recorders import SUFFIXES, suffix_of
 from bayestissue.dataset.settings import Gravity, Zero, stated_table
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, path_argument
 from bayestissue.intake.build import Built, Cutting, build
 from bayestissue.intake.choices import BESIDE_FORCE, Choices, Question, forces_among, people_twice, settle
 from bayestissue.intake.facts import Facts, gather, told_by
@@ -235,7 +235,8 @@ def write(
 
 def default_out(folder: str | Path) -> Path:
     """The folder of a dataset that nobody named: that of the recordings, with ``-dataset`` behind, here."""
-    return Path(f"{Path(folder).resolve().name}-dataset")
+    recordings = path_argument("folder", folder, "the folder of the recordings")
+    return Path(f"{recordings.resolve().name}-dataset")
 
 
 def init_dataset(

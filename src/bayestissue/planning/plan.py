@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue import results, runtime
+from bayestissue.errors import path_argument
 from bayestissue.fitting import formulas_of, silent
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.effects import RESPONSES
@@ -142,7 +143,7 @@ def plan(
         >>> plan.report("plans/exponent")
     """
     if file is not None:
-        specification, source = read_plan(Path(file)), str(file)
+        specification, source = read_plan(path_argument("file", file, "the path of a plan file")), str(file)
     else:
         numbers = {"people": people, "masses_kg": masses_kg, "repeats": repeats}
         lists = numbers | {"velocities_m_s": velocities_m_s}

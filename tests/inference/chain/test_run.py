@@ -18,6 +18,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.chain import draws as chain
 from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
+from bayestissue.inference.chain.run import read_arrays, write_arrays
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.samplers.convergence import convergence
@@ -91,6 +92,18 @@ def test_what_goes_on_is_the_longer_run(people, monkeypatch, tmp_path: Path):
         assert_array_equal(getattr(second, name), getattr(whole, name)[:, -count:])
     assert (int(second.end.segments), second.segments) == (int(whole.end.segments), 7)
     assert "of earlier runs" in second.record()["words"]
+
+
+def test_arrays_that_were_changed_are_known(tmp_path: Path):
+    """Another shape of one array ended in a traceback, where the run had lost the mark of its files."""
+    path, tree = tmp_path / "chain.npz", {"u": np.zeros((2, 3)), "y": np.ones(2)}
+    write_arrays(path, tree)
+    jax.tree.map(assert_array_equal, read_arrays(path, tree), tree)
+    with np.load(path) as stored:
+        changed = dict(stored) | {"['u']": np.zeros((2, 2))}
+    np.savez(path, **changed)
+    with pytest.raises(ValueError, match=r"chain\.npz"):
+        read_arrays(path, tree)
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.dataset.cells import no_column
-from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, Grouping, GroupTerm, grouping_of
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, TRIAL, Grouping, GroupTerm, grouping_of
 
 # The relative precision of a table given to three or four digits: a smaller difference, or a combination of
 # columns below it, is rounding and not information.
@@ -27,6 +27,10 @@ RESERVED_DIMENSIONS = ("impact", "chain", "draw", "kept_draw", "sample", "time_i
 # Names that a level's K or C would have to share, such as K_new.
 RESERVED_STEMS = ("new", "typical_person", "secant", "tangent", "equivalent", "common_depth")
 _WORDS = {"subject": "person", "trial": "condition"}
+_PLURALS = {"person": "people", "condition": "conditions"}
+# Of two levels the squared correlation with the log of mass from which one can't be told from the other: at
+# masses of 1 and 2, weights that scatter by less than 1 % within a level.
+_SAME_AS_MASS = 0.999
 
 
 @dataclass(frozen=True)
@@ -37,11 +41,13 @@ class Fault:
         term: as it is written, such as ``(1|trial)``; empty where the formula as a whole can't be read.
         expected: what it would take.
         reason: what there is instead, as a clause: "the mass is 0.5 kg in every impact".
+        of_table: whether a column lacks, or a cell of it: the term is told once it is there.
     """
 
     term: str
     expected: str
     reason: str
+    of_table: bool = False
 
 
 def missing(column: pd.Series) -> pd.Series:
@@ -54,7 +60,7 @@ def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
     without = rows.loc[missing(rows[column]), "impact" if "impact" in rows else column]
     where = f", such as impact {without.iloc[0]}" if "impact" in rows else ""
     reason = f"{column} is missing in {len(without)} of {len(rows)} impacts{where}"
-    return Fault(term, f"{column} of every impact", reason)
+    return Fault(term, f"{column} of every impact", reason, of_table=True)
 
 
 def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
@@ -80,7 +86,7 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
         if strange:
             usable = [name for name in rows.columns if name not in RESERVED_DIMENSIONS]
             expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(str(term), expected, no_column(strange, usable)))
+            faults.append(Fault(str(term), expected, no_column(strange, usable), of_table=True))
         elif "impact" in term.factors:
             reason = "an impact's own scatter is in every model, as sd_impact_K and sd_impact_C"
             faults.append(Fault(str(term), "levels of several impacts", reason))
@@ -160,6 +166,26 @@ def aliased(
         expected = f"several levels of {term.grouping} for each {categories}"
         faults.append(Fault(str(term), expected, reason))
     return faults
+
+
+def told_by_mass(term: GroupTerm, rows: pd.DataFrame) -> Fault | None:
+    """What a formula with the log of mass and a term of two levels, each of one mass, has to do without.
+
+    A condition says no more than its mass does; for anybody else's levels it is the mass that goes.
+    """
+    grouping, log_mass = grouping_of(rows, term.factors), np.log(rows["mass_kg"].to_numpy(float))
+    if term.slope or len(grouping.levels) != 2 or np.ptp(log_mass) <= PRECISION:
+        return None
+    if np.corrcoef(grouping.code, log_mass)[0, 1] ** 2 <= _SAME_AS_MASS:
+        return None
+    one = _WORDS.get(term.grouping, term.grouping)
+    many = _PLURALS.get(one, f"levels of {one}")
+    reason = f"there are two {many}, each with one mass, so that what a {one} does can't be told from what "
+    if term == TRIAL:
+        more = "a third mass would tell it, and how far K and C scatter about a power of the mass"
+        return Fault(str(term), "three masses or more", f"{reason}its mass does; {more}")
+    more = f"each {one} with both masses would tell it"
+    return Fault(MASS_TERM, f"both masses of each {one}", f"{reason}its mass does; {more}")
 
 
 def _by_itself(
@@ -253,9 +279,8 @@ def _same_levels(left: GroupTerm, right: GroupTerm, groupings: Mapping[GroupTerm
 
 def _same(term: GroupTerm, earlier: GroupTerm) -> Fault:
     mine, its = (_WORDS.get(t.grouping, t.grouping) for t in (term, earlier))
-    plural = {"person": "people", "condition": "conditions"}
-    expected = f"{plural.get(its, f'levels of {its}')} in several {plural.get(mine, f'levels of {mine}')}, "
-    expected += f"or several {plural.get(its, f'levels of {its}')} in one"
+    several_mine, several_its = (_PLURALS.get(word, f"levels of {word}") for word in (mine, its))
+    expected = f"{several_its} in several {several_mine}, or several {several_its} in one"
     reason = (
         f"every {its} has one {mine} and every {mine} one {its}, so that effects of the {mine} "
         f"can't be told from those of the {its}"

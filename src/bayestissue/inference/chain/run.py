@@ -6,7 +6,8 @@ later run of the same job goes on with the same numbers. What a chain is made of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import hashlib
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +23,8 @@ from bayestissue.inference.samplers.convergence import Draws, convergence
 from bayestissue.results import whole_file
 
 Say = Callable[[str, int, int], None]
+
+_DIGEST = "sha256"
 
 
 class Segment(NamedTuple):
@@ -163,7 +166,8 @@ def sampled(
         path = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *retained)
         verdict = look(*quantities(path), sampler.effective)
         in_a_row = in_a_row + 1 if verdict.passed else 0
-        stage = f"sampling, R-hat {verdict.r_hat:.3f}, {verdict.effective:.0f} effective draws"
+        effective = f"{verdict.effective:.0f} of {sampler.effective:.0f} effective draws"
+        stage = f"sampling, R-hat {verdict.r_hat:.3f}, {effective}"
         last = len(paths) >= most
         if in_a_row >= settings.in_a_row or last:
             yield Sampled(path, jax.tree.map(_mean, *rates), len(paths), verdict)
@@ -189,9 +193,19 @@ def joined(segments: list[list[Segment]]) -> Any:
 
 def write_arrays(path: Path, tree: Any) -> None:
     """A file of all arrays of a structure, each by where it stands in it; there when it is whole."""
-    arrays = {jax.tree_util.keystr(where): leaf for where, leaf in jax.tree_util.tree_leaves_with_path(tree)}
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    arrays = {jax.tree_util.keystr(where): np.asarray(leaf) for where, leaf in leaves}
     with whole_file(path) as staging, staging.open("wb") as stream:
-        np.savez(stream, allow_pickle=False, **arrays)
+        np.savez(stream, allow_pickle=False, **arrays, **{_DIGEST: _digest(arrays)})
+
+
+def _digest(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+    """By which other arrays under the same names are known, and other shapes."""
+    digest = hashlib.sha256()
+    for name, array in arrays.items():
+        digest.update(f"{name}{array.shape}{array.dtype}".encode())
+        digest.update(array.tobytes())
+    return np.frombuffer(digest.digest(), np.uint8)
 
 
 def read_arrays(path: Path, like: Any) -> Any:
@@ -199,7 +213,10 @@ def read_arrays(path: Path, like: Any) -> Any:
 
     Raises:
         KeyError: the file holds another structure's.
-        ValueError, BadZipFile: the file is damaged.
+        ValueError, BadZipFile: the file is damaged, or not as it was written.
     """
     with np.load(path, allow_pickle=False) as stored:
-        return jax.tree_util.tree_map_with_path(lambda where, _: stored[jax.tree_util.keystr(where)], like)
+        arrays = dict(stored)
+    if (arrays.pop(_DIGEST) != _digest(arrays)).any():
+        raise ValueError(path)
+    return jax.tree_util.tree_map_with_path(lambda where, _: arrays[jax.tree_util.keystr(where)], like)
