@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset.impacts import impact_table
+from bayestissue.dataset.cells import standard_names
+from bayestissue.dataset.impacts import COLUMNS, impact_table
 from bayestissue.hierarchy.formulas.formula import judge
 from dataset_bench import SETTINGS, Lab, tables
 
@@ -135,6 +136,20 @@ def test_a_column_of_people_is_the_subject_whatever_its_case(lab: Lab, name: str
     expected = bt.read_dataset(path.parent).impacts["subject"].tolist()
     path.write_text(path.read_text().replace("subject", name, 1))
     assert bt.read_dataset(path.parent).impacts["subject"].tolist() == expected
+
+
+def test_a_standard_column_is_one_whatever_its_case(lab: Lab) -> None:
+    path = lab.path("impacts.csv")
+    expected = bt.read_dataset(path.parent).impacts
+    head, body = path.read_text().split("\n", 1)
+    path.write_text(f"{head.upper()}\n{body}")
+    found = bt.read_dataset(path.parent).impacts
+    standard = [name for name in expected if name in COLUMNS]
+    pd.testing.assert_frame_equal(found[standard], expected[standard])
+    # Two that differ by case alone are two.
+    assert standard_names(["trial", "Trial", "Side", "MASS_KG", "Trace"]) == [
+        *("trial", "Trial", "Side", "mass_kg", "trace")
+    ]
 
 
 def test_a_formula_finds_columns_whatever_their_case_and_names_the_near_one() -> None:

@@ -317,9 +317,13 @@ def test_all_that_is_wrong_with_a_formula_is_said_at_once_with_one_that_works() 
         "more than one subject",
         "several impacts for at least one trial",
         "no combination of each other",
-        'Write "energy_J" instead',
     ):
         assert words in said
+    # Of a name that is misspelt, or a cell that is empty, the formula without it is none that was asked for.
+    assert "Write" not in said
+    assert 'Write "energy_J" instead' in refusal("log(mass_kg) + energy_J + room", table)
+    gap = table.assign(side=["left", "right", "", "left"])
+    assert "Write" not in refusal("energy_J + side + {2 * energy_J}", gap)
 
 
 @pytest.mark.parametrize(

@@ -280,6 +280,13 @@ def test_a_prior_of_no_term_is_refused(key: str) -> None:
         specification(priors={"sd_group": {key: {q: scale(0.2) for q in "KC"}}})
 
 
+def test_a_prior_of_a_term_that_is_the_subject_s_in_the_data_is_named() -> None:
+    own = {"sd_group": {"patient": {q: scale(0.2) for q in "KC"}}}
+    model = specification(priors=own, formula={"K": "(1|patient)", "C": "(1|patient)"})
+    assert model.priors_passed_over([GroupTerm(("subject",))]) == ["(1|patient)"]
+    assert model.priors_passed_over([GroupTerm(("Patient",))]) == []
+
+
 def test_published_estimates_take_the_columns_of_their_tables() -> None:
     from bayestissue.dataset.published import read_published
     from bayestissue.thesis.reanalysis.observations import published_design, published_observations

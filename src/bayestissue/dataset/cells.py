@@ -17,13 +17,21 @@ import pandas as pd
 
 from bayestissue.dataset.dialect import NAMES, Stated, text_table
 from bayestissue.dataset.files import of_part, read_bytes
+from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem, has_control_characters, refuse
 from bayestissue.outline import counted
 from bayestissue.results.tables import as_written
 
 FILE = "impacts.csv"
 
-
+# The columns that a table of impacts is read by, by their names in small letters.
+_STANDARD = {
+    name.casefold(): name
+    for name in (
+        *declared(__package__, "columns.toml"),
+        *("drop_height_m", "drop_height_cm", "drop_height_mm"),
+    )
+}
 # What the column "subject" may be called, in small letters.
 _SUBJECTS = (
     *("patient", "participant", "person", "proband"),
@@ -40,13 +48,29 @@ def with_subject(names: Sequence[str]) -> list[str]:
     return list(names)
 
 
+def standard_names(names: Sequence[str]) -> list[str]:
+    """Names of columns of `impacts.csv`, those of a standard column as it is written, in whatever case."""
+    named = with_subject(names)
+    count = Counter(name.casefold() for name in named)
+    return [
+        _STANDARD[small] if count[small := name.casefold()] == 1 and small in _STANDARD else name
+        for name in named
+    ]
+
+
+def alike(name: str, names: Iterable[str]) -> str:
+    """The one of ``names`` that differs at most in case; the name itself where that is none, or several."""
+    names = list(names)
+    same = [one for one in names if one.casefold() == name.casefold()]
+    return name if name in names or len(same) != 1 else same[0]
+
+
 def in_whatever_case(name: str, columns: Iterable[str]) -> str:
     """The column that a name means, in whatever case or by a word for "subject"; itself if none is."""
     columns = list(columns)
-    alike = [column for column in columns if column.casefold() == name.casefold()]
-    if not alike and with_subject([name]) == ["subject"]:
-        alike = [column for column in columns if column == "subject"]
-    return name if name in columns or len(alike) != 1 else alike[0]
+    if with_subject([name]) == ["subject"] and not any(c.casefold() == name.casefold() for c in columns):
+        return "subject" if "subject" in columns else name
+    return alike(name, columns)
 
 
 def no_column(strange: Sequence[str], columns: Sequence[str]) -> str:
@@ -91,7 +115,7 @@ def read_cells(
         io.StringIO(text.body.tobytes().decode(), newline=""), strict=True, delimiter=text.delimiter
     )
     above = text.dialect.first_row - 1
-    text_names = with_subject(text.names) if "subject" in wanted else text.names
+    text_names = standard_names(text.names) if "subject" in wanted else text.names
     body: list[list[str]] = []
     lines: list[int] = []
     try:
@@ -143,7 +167,7 @@ def cells_of(
     Raises:
         InputError: the names or the number of cells are wrong, or there is no record.
     """
-    names = with_subject(names) if "subject" in wanted else names
+    names = standard_names(names) if "subject" in wanted else names
     problems = column_problems(label, names, wanted, row)
     problems += [p for p in column_problems(label, names, (), row) if p.column not in wanted]
     odd = {"control-characters": any(map(has_control_characters, names)), "empty": "" in names}

@@ -242,6 +242,15 @@ class ModelSpecification(Table):
         """Whether the window holds the greatest penetration."""
         return self.signal.window in REACH_PEAK
 
+    def priors_passed_over(self, found: Iterable[GroupTerm]) -> list[str]:
+        """The group terms of priors that are other ones in the data: ``(1|patient)``, the subject's."""
+        known = {str(term).casefold() for term in found}
+        return [
+            str(term)
+            for term, pair in self.priors.of_terms().items()
+            if pair != SD_OF_TERM and term in self.formula.group_terms() and str(term).casefold() not in known
+        ]
+
     def complete_priors(self, found: Iterable[GroupTerm] = ()) -> Priors:
         """The priors, those of the element's parameters and of group terms too that the file leaves out.
 

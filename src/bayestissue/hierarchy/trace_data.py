@@ -98,6 +98,9 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
             reference_mass_kg=specification.reference_mass_kg,
             source=source,
         )
+    if passed_over := specification.priors_passed_over(design.terms):
+        given = {"terms": ", ".join(map(str, design.terms)) or "none"}
+        raise InputError.stated("formula.prior", source, None, "priors", ", ".join(passed_over), **given)
     signal = displacements(dataset, specification.signal)
     problems = too_short(dataset, signal, source)
     if problems:

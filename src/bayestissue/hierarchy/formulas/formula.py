@@ -231,7 +231,7 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
     for group in terms.groups:
         if strange := sorted(terms.slopes.get(group.slope, frozenset()) - set(usable)):
             expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(str(group), expected, no_column(strange, usable)))
+            faults.append(Fault(str(group), expected, no_column(strange, usable), of_table=True))
     for term, variables in terms.common.items():
         strange = sorted(variables - set(usable))
         labels = sorted(variables & set(LABELS))
@@ -241,7 +241,7 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
             faults.append(Fault(term, _EVALUATED, f"there is no {unknown[0]}()"))
         elif strange:
             expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(term, expected, no_column(strange, usable)))
+            faults.append(Fault(term, expected, no_column(strange, usable), of_table=True))
         elif labels:
             wanted = f"{labels[0]} as a group effect, written (1|{labels[0]})"
             faults.append(Fault(term, wanted, f"{labels[0]} is a name and no covariate"))
@@ -352,16 +352,17 @@ def categories_of_numbers(formula: str) -> frozenset[str]:
 
 
 @lru_cache
-def interactions(formula: str) -> tuple[tuple[str, str], ...]:
-    """The two columns of each covariate term ``a:b``, as the formula has them, each pair once."""
+def interactions(formula: str) -> tuple[tuple[str, ...], ...]:
+    """The columns of each covariate term ``a:b`` or ``a:b:c``, as the formula has them, each set once."""
     import formulae
 
-    pairs: dict[frozenset[str], tuple[str, str]] = {}
+    found: dict[frozenset[str], tuple[str, ...]] = {}
     for term in formulae.model_description(formula).common_terms:
         parts = [_columns_of(part) for part in getattr(term, "components", ())]
-        if [len(columns) for columns in parts] == [1, 1] and parts[0] != parts[1]:
-            pairs.setdefault(frozenset().union(*parts), (min(parts[0]), min(parts[1])))
-    return tuple(pairs.values())
+        names = frozenset().union(*parts)
+        if len(names) == len(parts) in (2, 3) and all(len(columns) == 1 for columns in parts):
+            found.setdefault(names, tuple(map(min, parts)))
+    return tuple(found.values())
 
 
 class Covariates:

@@ -15,7 +15,8 @@ doi:10.3389/fpsyg.2019.02767), and the probability of practical equivalence that
 Compared are, of each response, by its own formula:
 
 - the levels of each category, of numbers in ``C()``, and of each number with two values;
-- two such columns whose interaction ``a:b`` the formula has;
+- two such columns whose interaction ``a:b`` the formula has, and of ``a:b:c`` two at each level of the third:
+  the change of the treated over that of the controls, on each side;
 - the levels of each group but people, of whom there are many: a question may ask of two;
 - of combinations such as ``subject:side`` those that differ in one column but the person, within each person
   and averaged over the people recorded;
@@ -48,6 +49,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.dataset.impacts import SESSIONS
 from bayestissue.hierarchy.formulas.formula import interactions
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
@@ -81,7 +83,7 @@ class Contrast:
         factors: the columns that name it.
         compared: of these the one that differs, of an interaction both: column, level and against.
         weighted: conditions and their weights, which add up to 0.
-        shared: the level of each other column, of a combination.
+        shared: the level of each other column, of a combination or of an interaction of three columns.
     """
 
     factors: tuple[str, ...]
@@ -101,7 +103,8 @@ class Contrast:
         """Factor, level and against: ``side``, left, right; ``group:session``, treated:after/before, ..."""
         if self.kind == INTERACTION:
             (_, level, against), (_, upper, lower) = self.compared
-            return ":".join(self.factors), f"{level}:{upper}/{lower}", f"{against}:{upper}/{lower}"
+            ratio = ":".join([f"{upper}/{lower}", *self.shared.values()])
+            return ":".join(self.factors), f"{level}:{ratio}", f"{against}:{ratio}"
         ((column, level, against),) = self.compared
         one, reference = (
             ":".join({**self.shared, column: value}[name] for name in self.factors)
@@ -311,9 +314,9 @@ def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     named = [name for name in formula.covariates if _is_factor(recorded, name)]
     factors = {name: _values(recorded, name) for name in named}
     compared = [one for name, levels in factors.items() for one in _of_levels(name, levels)]
-    for a, b in interactions(formula.formula):
-        if a in factors and b in factors:
-            compared += _of_interaction((a, b), (factors[a], factors[b]))
+    for names in sorted(interactions(formula.formula), key=len, reverse=True):
+        if set(names) <= set(factors):
+            compared += _of_interaction(recorded, names, factors)
     for term in formula.terms.groups:
         if term.slope or term.grouping == "subject":
             continue
@@ -351,13 +354,17 @@ def _times(first: Weighted, second: Weighted) -> Weighted:
 
 
 def _of_interaction(
-    names: tuple[str, str], levels: tuple[Mapping[str, str | float], Mapping[str, str | float]]
+    recorded: Recorded, names: Sequence[str], factors: Mapping[str, Mapping[str, str | float]]
 ) -> Iterator[Contrast]:
-    """Ratios of the ratios between levels of one column at the levels of another."""
+    """Ratios of the ratios between levels of one column at the levels of another, at each of a third."""
+    third = max(names, key=lambda name: _stays(recorded, name)) if len(names) > 2 else ""
+    names = [name for name in names if name != third]
+    levels = [factors[name] for name in names]
+    at = {label: {third: factors[third][label]} for label in _ordered(list(factors[third]))} if third else {}
     pairs = [list(_pairs(list(known))) for known in levels]
     if len(pairs[0]) * len(pairs[1]) > SETTINGS.compared:
         pairs = [[(level, ALL) for level in _ordered(list(known))] for known in levels]
-    if len(pairs[0]) * len(pairs[1]) > SETTINGS.compared:
+    if len(pairs[0]) * len(pairs[1]) * max(len(at), 1) > SETTINGS.compared:
         return
     for chosen in product(*pairs):
         first, second = (
@@ -365,7 +372,20 @@ def _of_interaction(
         )
         weighted = _times(first, second)
         compared = tuple((name, *pair) for name, pair in zip(names, chosen, strict=True))
-        yield Contrast(names, compared, weighted)
+        if not third:
+            yield Contrast(tuple(names), compared, weighted)
+        for label, level in at.items():
+            of_level = _times(weighted, [(level, 1.0)])
+            yield Contrast((*names, third), compared, of_level, {third: label})
+
+
+def _stays(recorded: Recorded, name: str) -> tuple[bool, bool, bool]:
+    """How likely a column is where one looks, such as the side, and not what is compared.
+
+    What is compared are people, what has a reference level, and sessions, in this order.
+    """
+    reference = any(level.casefold() in _REFERENCES for level in recorded.levels(name))
+    return name not in recorded.followers("subject"), name.lower() not in SESSIONS, not reference
 
 
 def _of_group(recorded: Recorded, name: str, *, at_one_mass: bool) -> Iterator[Contrast]:

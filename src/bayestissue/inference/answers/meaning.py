@@ -21,6 +21,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.dataset.cells import alike, in_whatever_case
 from bayestissue.elements.head_injury import LONGEST
 from bayestissue.elements.outcomes import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.errors import Coded
@@ -178,6 +179,31 @@ def mistakes(
         yield from mistakes(operand, recorded, posterior, within=within)
     if many and posterior is not None:
         yield from _of_several(node.operands, recorded, posterior, node.position, node.symbol)
+
+
+def as_recorded(node: Node, recorded: Recorded, posterior: xr.Dataset | None) -> Node:
+    """The question with its columns and levels as they were recorded, in whatever case it names them."""
+    if isinstance(node, Number):
+        return node
+    arrays = {} if posterior is None else posterior
+    dims = [] if posterior is None else map(str, posterior.dims)
+    columns = list(dict.fromkeys([*map(str, recorded.rows), *MOTION, *dims]))
+    if not isinstance(node, Quantity):
+        parts = tuple(as_recorded(operand, recorded, posterior) for operand in node.operands)
+        if isinstance(node, Choice | Critical):
+            return replace(node, operands=parts, column=in_whatever_case(node.column, columns))
+        return replace(node, operands=parts)
+
+    def named(level: Level) -> Level:
+        column, labels = in_whatever_case(level.column, columns), []
+        if column in recorded.named:
+            labels = [*recorded.levels(column), NEW]
+        elif node.name in arrays and column in arrays[node.name].dims:
+            labels = arrays[node.name][column].astype(str).to_numpy().tolist()
+        value = None if level.value is None else alike(level.value, labels)
+        return replace(level, column=column, value=value)
+
+    return replace(node, levels=tuple(map(named, node.levels)))
 
 
 def quantities(node: Node) -> Iterator[Quantity]:
@@ -388,7 +414,8 @@ def _strange(level: Level, levels: Sequence[str]) -> QuestionError:
 
 
 def _near(name: str, names: Sequence[str]) -> str:
-    matches = difflib.get_close_matches(name[:100], names, n=3, cutoff=0.5)
+    small = {one.casefold(): one for one in reversed(names)}
+    matches = [small[one] for one in difflib.get_close_matches(name[:100].casefold(), small, n=3, cutoff=0.5)]
     return f"Near: {', '.join(matches)}." if matches else ""
 
 

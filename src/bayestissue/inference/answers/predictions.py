@@ -29,7 +29,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.dataset.cells import cells_of, read_cells
+from bayestissue.dataset.cells import alike, cells_of, in_whatever_case, read_cells
 from bayestissue.elements import element
 from bayestissue.elements.outcomes import NEVER
 from bayestissue.errors import Coded, InputError, Problem, has_control_characters, path_argument
@@ -311,8 +311,15 @@ def read_conditions(
         label = str(table)
         remedy = "Write one: a header with columns of impacts.csv, and a row for each new impact."
         cells, rows = read_cells(path, (), label=label, keep_empty=True, remedy=remedy)
-    if problems := list(_columns(cells, recorded, label)):
+    usable = _usable(recorded)
+    named = [in_whatever_case(name, usable) for name in map(str, cells)]
+    # Of a column that stands there in two cases neither is the other.
+    cells.columns = [new if named.count(new) == 1 else old for old, new in zip(cells, named, strict=True)]
+    if problems := list(_columns(cells, usable, label)):
         raise InputError(problems)
+    for name in {*map(str, cells)} & {*recorded.named}:
+        levels = recorded.levels(name)
+        cells[name] = cells[name].map({text: alike(text, levels) for text in set(cells[name])})
     if problems := [*_wrong(cells, rows, recorded, label), *_heights(cells, rows, recorded, gravity, label)]:
         raise InputError(problems)
     return [
@@ -337,11 +344,15 @@ def _is_number(name: str, recorded: Recorded) -> bool:
     return name in _POSITIVE or (name in recorded.rows and name not in recorded.named)
 
 
-def _columns(cells: pd.DataFrame, recorded: Recorded, label: str) -> Iterator[Problem]:
-    """Columns that the run does not have."""
+def _usable(recorded: Recorded) -> list[str]:
+    """The columns that may be given."""
     # A height in another unit, which no formula is of, would move nothing.
     moves = [n for n in map(str, recorded.rows) if n in recorded.needed or not n.startswith("drop_height")]
-    usable = list(dict.fromkeys([*moves, *_POSITIVE]))
+    return list(dict.fromkeys([*moves, *_POSITIVE]))
+
+
+def _columns(cells: pd.DataFrame, usable: Sequence[str], label: str) -> Iterator[Problem]:
+    """Columns that the run does not have."""
     for name in map(str, cells):
         if name not in usable:
             near = difflib.get_close_matches(name, usable, n=1)

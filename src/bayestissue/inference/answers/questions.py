@@ -44,6 +44,7 @@ from bayestissue.inference.answers.grammar import (
 from bayestissue.inference.answers.law import DROP_HEIGHT, Law, fall_height, moving
 from bayestissue.inference.answers.meaning import (
     alternatives,
+    as_recorded,
     at_level,
     average_notes,
     beyond_notes,
@@ -140,7 +141,7 @@ def require_motions(questions: Sequence[Question], recorded: Recorded, law: Law 
 
     def all_motions(question: Question) -> None:
         try:
-            for quantity in outcomes_in(_parsed(question), recorded):
+            for quantity in outcomes_in(as_recorded(_parsed(question), recorded, None), recorded):
                 motions_of(quantity, recorded, law, conditions_of(quantity, recorded))
         except QuestionError as slip:
             raise InputError(_problem(slip, question)) from None
@@ -161,7 +162,7 @@ def _parsed(question: Question) -> Node:
 
 
 def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) -> Node:
-    node = _parsed(question)
+    node = as_recorded(_parsed(question), recorded, posterior)
     errors = list(mistakes(node, recorded, posterior)) or list(fixed_parts(node, recorded, posterior))
     # A level that stands once may be part of several quantities.
     slips = {(slip.position, slip.actual, slip.expected): slip for slip in errors}

@@ -80,18 +80,25 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
 def contrast_name(kind: str, factor: str, level: str, against: str) -> str:
     """What is held against what, such as "left over right" or "after over before, treated over control"."""
     if kind == INTERACTION:
-        (first, inner), (second, _) = _parted(level, against)
+        (first, inner), (second, _) = _parted(factor, level, against)
         return f"{inner}, {first} over {second}"
     # A number alone says nothing: session 2 over session 1.
     numbered = not np.isnan(pd.to_numeric(level, errors="coerce"))
     return f"{factor} {level} over {against}" if numbered else f"{level} over {against}"
 
 
-def _parted(level: str, against: str) -> tuple[tuple[str, str], tuple[str, str]]:
-    """Of treated:after/before and control:after/before the levels, each with "after over before"."""
+def _parted(factor: str, level: str, against: str) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Of treated:after/before and control:after/before the levels, each with "after over before".
+
+    Of treated:after/before:left, with "after over before, side left".
+    """
     ends = (level[at:] for at, letter in enumerate(level) if letter == ":")
     inner = next(end for end in ends if against.endswith(end))[1:]
-    over = inner.replace("/", " over ") if inner.count("/") == 1 else inner
+    ratio, at = inner, ""
+    if factor.count(":") > 1:
+        ratio, _, third = inner.rpartition(":")
+        at = f", {factor.rpartition(':')[2]} {third}"
+    over = (ratio.replace("/", " over ") if ratio.count("/") == 1 else ratio) + at
     return tuple((text.removesuffix(f":{inner}"), over) for text in (level, against))  # type: ignore[return-value]
 
 
@@ -125,7 +132,7 @@ def equivalence(run: FitRun) -> float:
 def _contrast_words(row: dict[Any, Any], near: float, kind: str) -> str:
     quantity, level, differs = row["quantity"], row["level"], f"differs by less than {percent(near)}"
     if kind == INTERACTION:
-        (first, inner), (second, _) = _parted(level, row["against"])
+        (first, inner), (second, _) = _parted(row["factor"], level, row["against"])
         quantity, level = f"{quantity}, {inner},", f"{first} than for {second}"
         differs = f"is within {percent(near)} of none"
     return said(
