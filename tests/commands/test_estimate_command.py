@@ -118,19 +118,26 @@ def test_bad_impacts_are_skipped_on_request_and_listed(
 def test_impacts_of_too_few_samples_have_rows_without_numbers(
     dataset: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:
-    """All of them: up to their peak, at so low a rate, there are five and seven samples."""
+    """All of them: up to their peak, at so low a rate, there are five and seven, and half are asked for."""
     impacts, traces = pd.read_csv(dataset / "impacts.csv")[:2], pd.read_csv(dataset / "traces.csv.gz")
     few = traces[traces["impact"].isin(impacts["impact"])].groupby("impact").nth(slice(3, None, 30))
     coarse = tmp_path / "coarse"
     settings = {"name": "coarse", "signal": {"quantity": "deceleration", "unit": "m/s^2"}}
     write_dataset(coarse, settings=settings, impacts=impacts, traces=few)
     out = tmp_path / "run"
-    assert bayestissue(monkeypatch, "estimate", coarse, "--out", out) == 0
+    (half := tmp_path / "half.toml").write_text("[signal]\nwindow = 0.5\n", encoding="utf-8")
+    assert bayestissue(monkeypatch, "estimate", coarse, "--out", out, "--model", half) == 0
     table = pd.read_csv(out / "estimates.csv")
     assert (table["n_samples"] < 8).all()
     assert table["flags"].str.contains("fewer than 8 samples in the window").all()
     assert table.filter(regex="^[KC]_|_se$|phi|theta").isna().all(axis=None)
-    assert "2 impacts, 2 flagged" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "2 impacts, 2 flagged" in printed
+    assert "No impact has K. Too few samples: Record faster" in printed
+    # Without that choice the rebound is taken along.
+    assert bayestissue(monkeypatch, "estimate", coarse, "--out", tmp_path / "whole") == 0
+    assert pd.read_csv(tmp_path / "whole" / "estimates.csv")["K_N_per_m"].notna().all()
+    assert "the window goes on to the rebound in 2 of 2 impacts" in capsys.readouterr().out
 
 
 def test_a_folder_that_is_not_empty_is_not_replaced(dataset: Path, tmp_path: Path, monkeypatch) -> None:

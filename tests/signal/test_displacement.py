@@ -8,6 +8,7 @@ import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 
 from bayestissue.signal import SignalOptions, displacement, displacements
+from bayestissue.signal.displacement import SLOWLY, TOO_FEW
 from bayestissue.signal.settings import WindowSettings
 
 TISSUE = [Impact(np.sqrt(3000 / mass), zeta) for mass in (0.1, 0.666, 5.0) for zeta in (0.02, 0.28, 1.0, 2.0)]
@@ -91,6 +92,17 @@ def test_a_window_can_end_before_zero_velocity(share):
     assert part.time_to_peak[0] == whole.time_to_peak[0]
 
 
+def test_few_samples_until_zero_velocity_take_the_rebound_along_and_say_so():
+    slow, fast = record([TYPICAL], 250, noise=1e-3), record([TYPICAL], 500, noise=1e-3)
+    made, kept = displacements(slow), displacements(fast)
+    np.testing.assert_array_equal(made.x, displacements(slow, SignalOptions(window="rebound")).x)
+    assert made.flags == [[]]
+    assert SLOWLY in made.notes[0]
+    assert SLOWLY not in kept.notes[0]
+    assert kept.n_samples < displacements(fast, SignalOptions(window="rebound")).n_samples
+    assert TOO_FEW in displacements(slow, SignalOptions(window=0.9)).flags[0]
+
+
 def test_a_window_can_include_the_rebound():
     made = displacements(record([TYPICAL], 1e4), SignalOptions(window="rebound"))
     last = (made.n_samples[0] - 1) / 1e4
@@ -99,7 +111,7 @@ def test_a_window_can_include_the_rebound():
 
 
 def test_a_window_of_few_samples_and_a_missing_stop_are_flagged():
-    short = record([TYPICAL], 200.0)
+    short = record([TYPICAL], 100.0)
     assert "fewer than 8 samples in the window" in displacements(short).flags[0]
     cut = record([TYPICAL], 1e4)
     keep = cut.traces[0].time_s < TYPICAL.time_to_peak / 2

@@ -196,6 +196,17 @@ def test_a_force_that_jumps_at_contact_and_decays_at_once_is_no_spike(rate, zeta
     assert len(found(replace(lab, traces=traces), "a spike")) == COUNT
 
 
+@pytest.mark.parametrize("rate", [250, 300, 400, 500])
+def test_a_pulse_of_few_samples_is_no_spike_and_one_beside_it_is_found(rate):
+    phases = np.arange(COUNT) / COUNT
+    lab = record([TYPICAL] * COUNT, rate, before=0.1, after=0.1, noise=0.001, phase=phases)
+    assert found(lab, "a spike") == []
+    traces = [Recorded(trace.time_s, trace.value.copy()) for trace in lab.traces]
+    for trace in traces:
+        trace.value[10] += trace.value.max() / 2
+    assert found(replace(lab, traces=traces), "a spike") == ["one at sample 11"] * COUNT
+
+
 def test_the_pulse_is_found_beside_a_spike_above_it():
     lab = spoilt(lambda t, d: d + 2.0 * (np.arange(d.size) == 100))
     seen = Seen.from_recordings(stack(lab.traces))

@@ -104,6 +104,8 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
 
     data, quality, impacts = checked.dataset, checked.quality, checked.dataset.impacts
     noise = quality["noise_to_peak"]
+    # Of a slow recording the window goes on to the rebound.
+    until_peak = quality["time_to_peak_s"] * quality["sampling_rate_hz"] // 1 + 1
     return [
         ("impacts", counts(impacts)),
         ("recorded", data.quantity),
@@ -117,7 +119,7 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
         ("mass", _range(impacts["mass_kg"], " kg")),
         ("velocity at contact", _range(impacts["velocity_m_s"], " m/s", digits=4)),
         ("time to peak", _range(quality["time_to_peak_s"] * 1e3, " ms", digits=3)),
-        ("samples until the peak", _range(quality["samples_in_window"], "")),
+        ("samples until the peak", _range(quality["samples_in_window"].clip(upper=until_peak), "")),
         ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
     ]
 

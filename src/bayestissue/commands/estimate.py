@@ -88,7 +88,7 @@ def _print(data: Dataset, estimates: pd.DataFrame, out: Path) -> None:
     from bayestissue.commands.console import echo, explained, line, show, table
     from bayestissue.inference.points.notes import people_alone, said_once
     from bayestissue.outline import counted
-    from bayestissue.remedies import codes_in
+    from bayestissue.remedies import codes_in, entries
     from bayestissue.report.wording import estimated
 
     flagged = int((estimates["flags"] != "").sum())
@@ -99,6 +99,9 @@ def _print(data: Dataset, estimates: pd.DataFrame, out: Path) -> None:
     which = "these impacts" if len(people) == len(estimates) else "people's impacts"
     title = f"{data.name}: {len(estimates)} impacts, {flagged} flagged"
     show(table(title, (which, "median", "5 % below", "95 % below"), rows))
+    if estimates["K_N_per_m"].isna().all():
+        remedies = (entries()[code] for code in codes_in("; ".join(estimates["flags"])))
+        line(" ".join(["No impact has K.", *(f"{entry.title}: {entry.remedy}" for entry in remedies)]))
     for sentence in said_once(estimates["notes"]):
         line(sentence)
     if data.left_out:

@@ -35,6 +35,7 @@ FEWEST_SAMPLES = 8
 TOO_FEW = Coded(f"fewer than {FEWEST_SAMPLES} samples in the window", "too-few-samples")
 UNEVEN = Coded("times are uneven: each sample is taken at its own", "uneven-times")
 LONGER = Coded("few samples below the sensor's limit: the window goes on to the rebound", "clipped")
+SLOWLY = Coded("few samples until zero velocity: the window goes on to the rebound", "few-samples")
 NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
 ON_SAMPLE = Coded("contact is taken to be at a sample", "contact-on-sample")
 BELOW_ZERO = Coded(
@@ -299,10 +300,12 @@ def _windowed(
     at_limit = clipped != 0
     below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)
     longer = at_limit.any(axis=1) & (n - below < WINDOW.few_below)
-    if longer.any():
+    slowly = ~longer & (n - below < FEWEST_SAMPLES) & (options.window == "peak") & stop.reached
+    if (longer | slowly).any():
         # What the sensor did not see on the way in stands on the way back.
-        n = np.where(longer, np.maximum(n, samples_in("rebound", stop, *moved)), n)
+        n = np.where(longer | slowly, np.maximum(n, samples_in("rebound", stop, *moved)), n)
     used = np.arange(int(n.max())) < n[:, None]
+    few = n - (used & (at_limit[:, : used.shape[1]])).sum(axis=1) < FEWEST_SAMPLES
     x, v, deceleration, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in (*motion, clipped))
     return Displacements(
         x=x,
@@ -321,8 +324,8 @@ def _windowed(
         bracket_uniform=start.bracket_uniform,
         time_to_peak=since_contact + stop.time,
         peak_displacement=stop.x,
-        flags=_raised({**flags, TOO_FEW: n - (clipped != 0).sum(axis=1) < FEWEST_SAMPLES}, len(n)),
-        notes=_raised({**notes, LONGER: longer}, len(n)),
+        flags=_raised({**flags, TOO_FEW: few}, len(n)),
+        notes=_raised({**notes, LONGER: longer, SLOWLY: slowly & ~few}, len(n)),
         **columns,
     )
 

@@ -25,6 +25,7 @@ class AnswerSettings:
         simulated: impacts in all, draws evenly left out.
         of_a_condition: draws at the least that a condition keeps of these: 5 % quantiles of so many have a
             standard error of a tenth of the standard deviation.
+        predicted: draws of new impacts that are there at once, some hundred megabytes with all quantities.
         pictured: draws behind a picture, at the least and at the most: the ends of its band then have a
             standard error of a fifth to a tenth of the standard deviation.
         places: of a loop of force over depth, on the way in and on the way out.
@@ -63,6 +64,7 @@ class AnswerSettings:
     at_once: int = 512
     simulated: int = 20_000
     of_a_condition: int = 500
+    predicted: int = 2_000_000
     pictured: tuple[int, int] = (120, 400)
     places: int = 33
     loops_together: int = 1024

@@ -19,13 +19,16 @@ def spikes(recorded: Recorded) -> Index:
 
     The straight lines through the four samples on either side both miss it, in the same direction, by more
     than noise does in a thousandth of all recordings and by a tenth of the peak; a cubic through all eight
-    misses it too, which a pulse of few samples does not. A force that jumps at contact and decays at once, as
-    a strong damper's, is missed by the line behind it, and not by an exponential.
+    misses it too, which a pulse of few samples does not, nor a quintic one of very few. A force that jumps at
+    contact and decays at once, as a strong damper's, is missed by the line behind it, and not by an
+    exponential.
     """
     value, width = recorded.value, recorded.value.shape[1]
     best, spike, side = np.zeros(len(value)), np.full(len(value), -1), SAMPLES.side
     quiet = recorded.before.sum(axis=1, keepdims=True)
     level = np.where(recorded.before, value, 0.0).sum(axis=1, keepdims=True) / np.maximum(quiet, 1)
+    pulse = recorded.inside & (value - level > SAMPLES.high * recorded.peak[:, None])
+    short = pulse.sum(axis=1, keepdims=True) < SAMPLES.short
     for wide in range(1, SAMPLES.widest + 1):
         window = 2 * side + wide
         if width < window:
@@ -33,7 +36,7 @@ def spikes(recorded: Recorded) -> Index:
         offsets = np.concatenate([np.arange(side), np.arange(side) + side + wide])
         t = offsets - (window - 1) / 2
         left, right = _predicting(t[:side], 1), _predicting(t[side:], 1)
-        either_side = _predicting(t, 3)
+        either_side, closer = _predicting(t, 3), _predicting(t, 5)
         views = np.lib.stride_tricks.sliding_window_view(value, window, axis=1)
         at_spike = views[..., side : side + wide].mean(axis=-1)
         before, behind = views[..., :side], views[..., side + wide :]
@@ -41,15 +44,19 @@ def spikes(recorded: Recorded) -> Index:
             at_spike - before @ left,
             at_spike - behind @ right,
             at_spike - views[..., offsets] @ either_side,
+            at_spike - views[..., offsets] @ closer,
         ]
+        misses[3] = np.where(short, misses[3], misses[2])
         jumps = np.abs(misses[0]) > SAMPLES.jump * np.abs(misses[1])
         decayed = at_spike - _decaying(level, behind, wide)
         toward = np.sign(misses[0])
         misses[1] = np.where(jumps, toward * np.minimum(toward * misses[1], toward * decayed), misses[1])
-        same = (np.sign(misses[0]) == np.sign(misses[1])) & (np.sign(misses[0]) == np.sign(misses[2]))
+        same = np.all([toward == np.sign(miss) for miss in misses[1:]], axis=0)
         least = np.where(same, np.min(np.abs(misses), axis=0), 0.0)
         chance = -ndtri(SAMPLES.alarms / 2 / SAMPLES.widest / np.maximum(recorded.inside.sum(axis=1), 1))
-        error = recorded.sd * np.sqrt(1 / wide + max(float(w @ w) for w in (left, right, either_side)))
+        squares = [float(w @ w) for w in (left, right, either_side, closer)]
+        square = np.where(short[:, 0], max(squares), max(squares[:3]))
+        error = recorded.sd * np.sqrt(1 / wide + square)
         limit = np.maximum(chance * error, SAMPLES.high * recorded.peak)
         least = np.where(recorded.inside[:, window - 1 :], least, 0.0)
         highest = least.max(axis=1)

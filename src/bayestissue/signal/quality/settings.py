@@ -52,6 +52,7 @@ class SampleSettings:
             moves K and C by a few per cent at most.
         widest: samples of a spike,
         side: and those on either side of it that a line is laid through.
+        short: a sound pulse of fewer samples, above ``high`` of its peak, may be missed by a cubic.
         high: a spike of three samples among fifteen until the peak then moves K by some 3 %.
         levels: with fewer steps of the recorder in the peak they are too coarse.
         hum_hz: frequencies that are tried as hum: from, to and in steps of.
@@ -70,6 +71,7 @@ class SampleSettings:
     passes: float = 10.0
     widest: int = 3
     side: int = 4
+    short: int = 24
     high: float = 0.1
     levels: int = 20
     hum_hz: tuple[float, float, float] = (20.0, 410.0, 5.0)
