@@ -132,7 +132,7 @@ class Law:
             values = {name: getattr(outcomes, name) for name in HEADFORM_OUTCOMES}
             return {name: one for name, one in values.items() if one is not None}
 
-        whole = self._together(comes, parameters, mass, known, diameter, SETTINGS.together)
+        whole = self._together(comes, parameters, mass, known, diameter, SETTINGS.at_once)
         return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
 
     def loops(
