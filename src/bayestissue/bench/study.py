@@ -21,11 +21,11 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
-from scipy.special import chdtrc
+from scipy.special import stdtr
 
 from bayestissue.bench.campaign import Campaign
 from bayestissue.bench.drops import Drop
-from bayestissue.dataset.impacts import RESERVED
+from bayestissue.dataset.impacts import REFERENCE, RESERVED
 from bayestissue.errors import InputError
 from bayestissue.fitting import resolve
 from bayestissue.hierarchy.design import build_design
@@ -47,8 +47,12 @@ from bayestissue.report.wording import estimated
 _FORMULA = "log(mass_kg) + (1|subject)"
 # Of people, masses and repeats of each: the table has room for so many, and doubles where they are more.
 _ROOM = (32, 4, 4)
-# A sound drop is called unlike its person's others once in a hundred; from so many others on.
-_ALARM, _FEWEST = 0.01, 2
+# A sound drop is called unlike its person's others once in a hundred.
+_ALARM = 0.01
+# What is supposed of log K and log C before other people were measured: the scatter of one person's drops,
+# which counts as much as so many drops, and the slope on log mass: 0 to 1 where force is a power of depth.
+_SCATTER, _WORTH = (0.1, 0.2), 8
+_SLOPE, _SLOPE_SD = 0.5, 0.3
 _ENDS = (0.05, 0.5, 0.95)
 
 
@@ -222,28 +226,36 @@ class Study:
         _, low, high = person["K"]
         return StudyEstimates(impact, person, float(np.sqrt(high / low) - 1))
 
-    def unlike(self, cells: Cells, site: dict[str, Any], others: Sequence[Drop]) -> str:
+    @staticmethod
+    def unlike(cells: Cells, site: dict[str, Any], others: Sequence[Drop]) -> str:
         """In which way a drop is unlike what its person's others let expect, in words; empty if it is not.
 
-        The test is of log K and log C together, m ~ N(X b, D^-1 + P^-1), over all draws of the study without
-        the drop.
+        Log K and log C each are held to a Student t about the mean of the person's other drops, put to the
+        mass of this one. Their scatter is that of other people's drops, with a prior; the person's own can
+        make it smaller and not larger, so that wrong drops do not hide each other.
         """
-        posterior = self._posterior
-        same_level = [drop for drop in others if level(drop.cells) == level(cells)]
-        mean = None if posterior is None else posterior.expected(cells)
-        if posterior is None or mean is None or site["precision"] is None or len(same_level) < _FEWEST:
+        known = [drop for drop in others if drop.precision is not None and not drop.of_phantom]
+        own = [drop for drop in known if level(drop.cells) == level(cells)]
+        if not own or site["precision"] is None or cells.get(REFERENCE[0]):
             return ""
-        spread = posterior.covariance + np.linalg.inv(np.array(site["precision"]))
-        deviation = np.array(site["centre"]) - mean
-        distance = np.vecdot(deviation, np.linalg.solve(spread, deviation[..., None])[..., 0])
-        # A study whose draws have no finite expectation of this drop says nothing against it.
-        if not (posterior.weight * chdtrc(2, distance)).sum() < _ALARM:
-            return ""
-        sd = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
-        k = int(np.abs((posterior.weight[:, None] * deviation / sd).sum(0)).argmax())
-        share = float(np.expm1((posterior.weight * deviation[:, k]).sum()))
-        direction = "higher" if share > 0 else "lower"
-        return f"{RESPONSES[k]} is {abs(share):.0%} {direction} than this person's other drops let expect"
+        people = [drop for drop in known if drop.cells["subject"] != cells["subject"]]
+        variance = np.diagonal(np.linalg.inv(np.array(site["precision"])))
+        worst = 1.0, ""
+        for k, name in enumerate(RESPONSES):
+            fits = (_scatter(people, k), _scatter(people + own, k))
+            sd, degrees, exponent, exponent_sd = min(fits)
+            y, v, x, _ = _measured(own, k)
+            away = np.log(float(cells["mass_kg"])) - x
+            weight = 1 / (sd**2 + v)
+            expected, distance = (np.average(part, weights=weight) for part in (y + exponent * away, away))
+            total = np.sqrt(sd**2 + variance[k] + 1 / weight.sum() + (exponent_sd * distance) ** 2)
+            deviation = site["centre"][k] - expected
+            chance = 2 * stdtr(degrees, -abs(deviation) / total)
+            direction = "higher" if deviation > 0 else "lower"
+            share = abs(np.expm1(deviation))
+            said = f"{name} is {share:.0%} {direction} than this person's other drops let expect"
+            worst = min(worst, (float(chance), said))
+        return worst[1] if worst[0] < _ALARM / len(RESPONSES) else ""
 
     def words(self, drop: Drop) -> list[str]:
         """What the study so far says of a drop, in words."""
@@ -256,6 +268,38 @@ class Study:
         words = [f"in the study so far K {middle} ({low} to {high}) N/m"]
         wanted = f", wanted {self._wanted:.1%}" if self._wanted else ""
         return [*words, f"its person's K known to {estimates.width:.1%}{wanted}"]
+
+
+def _measured(drops: Sequence[Drop], k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[int]]:
+    """Log K or log C of drops, its variance by the recording, the log of the mass, and its level's number."""
+    number = {name: n for n, name in enumerate(dict.fromkeys(level(drop.cells) for drop in drops))}
+    rows = [
+        (drop.centre[k], np.linalg.inv(np.array(drop.precision))[k, k], np.log(float(drop.cells["mass_kg"])))
+        for drop in drops
+        if drop.centre is not None
+    ]
+    y, v, x = np.array(rows, float).reshape(-1, 3).T
+    return y, v, x, [number[level(drop.cells)] for drop in drops]
+
+
+def _scatter(drops: Sequence[Drop], k: int) -> tuple[float, int, float, float]:
+    """Of log K or log C: the scatter of a level's drops about its line, the degrees of freedom, the slope.
+
+    Lines are parallel, each level has its own intercept. The slope on log mass comes with its standard
+    deviation.
+    """
+    y, v, x, of_level = _measured(drops, k)
+    prior = _SCATTER[k] ** 2
+    weight = prior / (prior + v)
+    # Means of levels are taken out; what is left of log mass has the slope.
+    levels = np.eye(max(of_level, default=-1) + 1)[of_level]
+    about = weight[:, None] * levels / np.maximum((weight[:, None] * levels).sum(0), 1e-300)
+    x, y = (part - levels @ (about.T @ part) for part in (x, y))
+    precision = (weight * x**2).sum() / prior + _SLOPE_SD**-2
+    slope = ((weight * x * y).sum() / prior + _SLOPE / _SLOPE_SD**2) / precision
+    squares = (weight * (y - slope * x) ** 2).sum()
+    degrees = _WORTH + len(drops) - levels.shape[1]
+    return float(np.sqrt((_WORTH * prior + squares) / degrees)), degrees, float(slope), float(precision**-0.5)
 
 
 def _quantiles(log_values: np.ndarray, weight: np.ndarray) -> list[float]:

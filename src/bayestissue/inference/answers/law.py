@@ -108,13 +108,13 @@ class Law:
         self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
     ) -> list[Coded]:
         """The first note of `deeper` of impacts at these levels, at the medians of their parameters."""
-        if "peak_depth" not in draws:
+        if (reached := reached_depths(draws)) is None:
             return []
         parameters = self.parameters(draws, recorded, conditions).items()
         medians = {name: np.median(values, axis=(0, 1))[None] for name, values in parameters}
         motion = [numbers(recorded, conditions, one) for one in MET]
         depths = self.outcomes(medians, *motion)["peak_depth"][0]
-        of_each = (deeper(draws, recorded, *pair) for pair in zip(conditions, depths, strict=True))
+        of_each = (deeper(reached, recorded, *pair) for pair in zip(conditions, depths, strict=True))
         return next(filter(None, of_each), [])
 
     def outcomes(
@@ -132,7 +132,7 @@ class Law:
             values = {name: getattr(outcomes, name) for name in HEADFORM_OUTCOMES}
             return {name: one for name, one in values.items() if one is not None}
 
-        whole = self._together(comes, parameters, mass, known, diameter, SETTINGS.together)
+        whole = self._together(comes, parameters, mass, known, diameter, SETTINGS.at_once)
         return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
 
     def loops(
@@ -248,17 +248,26 @@ def beyond(words: str, value: float, measured: ArrayLike) -> list[Coded]:
     ]
 
 
-def deeper(draws: xr.Dataset, recorded: Recorded, condition: Condition, depth: float) -> list[Coded]:
-    """The note of a depth [m] that no impact reached, by their medians; empty where it is none.
+def reached_depths(draws: xr.Dataset) -> Float[np.ndarray, " impact"] | None:
+    """The median depth of each recorded impact [m]; None of a run without any."""
+    if "peak_depth" not in draws:
+        return None
+    depth = draws["peak_depth"]
+    return depth.median([name for name in depth.dims if name != "impact"]).to_numpy()
+
+
+def deeper(
+    reached: Float[np.ndarray, " impact"] | None, recorded: Recorded, condition: Condition, depth: float
+) -> list[Coded]:
+    """The note of a depth [m] beyond all of `reached_depths`; empty where it is none.
 
     Of those recorded at the condition's levels: how soft another pad is says nothing of the law of this one.
     """
-    if "peak_depth" not in draws:
+    if reached is None:
         return []
     levels = {k: v for k, v in condition.items() if k in recorded.named and label_of(v) in recorded.levels(k)}
     rows = recorded.matching(levels)
-    of_impacts = draws["peak_depth"].isel(impact=rows if rows.any() else slice(None))
-    measured = float(of_impacts.median([name for name in of_impacts.dims if name != "impact"]).max())
+    measured = float(reached[rows if rows.any() else slice(None)].max())
     if not depth > (1 + SETTINGS.deeper) * measured:
         return []
     return beyond("peak depth in mm", 1e3 * depth, [0.0, 1e3 * measured])

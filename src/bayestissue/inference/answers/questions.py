@@ -286,7 +286,14 @@ def _of_levels(finished: Finished, node: Node) -> list[Coded]:
 
 def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
     """Draws from the prior alone, or why there are none."""
-    return _before(finished, node, lambda prior: draws_of(node, prior, finished.recorded, finished.law))
+
+    def draws_in(prior: xr.Dataset) -> xr.DataArray:
+        if isinstance(node, Critical):
+            most = max(SETTINGS.tried_before // prior.sizes["chain"], 1)
+            prior = prior.isel(draw=slice(None, None, -(-prior.sizes["draw"] // most)))
+        return draws_of(node, prior, finished.recorded, finished.law)
+
+    return _before(finished, node, draws_in)
 
 
 def _before(
