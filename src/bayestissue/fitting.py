@@ -390,6 +390,7 @@ def _first_or_second(
 ) -> tuple[Prepared, TraceAnalysis]:
     """The fit as the model file has it, or that with a discrepancy, which it leads to; see `fit_prepared`."""
     end, form = earlier or EarlierRun(None, {})
+    begun, took = runtime.Start(), ""
     alone, may_add = not prepared.model.discrepancy, specification.may_add_discrepancy
     if earlier is None and may_add and alone:
         form = model_form.misfit_precheck(prepared, expansions, seed) or {}
@@ -406,6 +407,10 @@ def _first_or_second(
         form, end = first.diagnostics.get("model_form", {}), None
         if not (may_add and form.get("structured", False)):
             return prepared, first
+        took = f", which took {max(begun.seconds, 1):.0f} s"
+    if earlier is None:
+        words = "the traces obey another law than the model's: a second fit begins, with a discrepancy"
+        say(f"{words}; it may take several times as long as the first{took}", 1, 1)
     wider = with_discrepancy(dataset, specification, prepared)
     second = _second_fit(wider, specification, seed, say, checkpoints, end)
     of_both = model_form.with_discrepancy(form, second.tree)

@@ -388,7 +388,8 @@ def blow_again(trace: Trace, *, threshold: float = Cutting.threshold) -> float |
     """The time in s between the highest blow of a recording and another one nearly as high; None without.
 
     A blow is a run of samples as `cut` takes them. Runs less than twice the longest one apart are one blow,
-    as the swings of a tissue are. Another blow has half of the height or more; it may be a rebound.
+    as the swings of a tissue are. Another blow has half of the height or more, and the recording comes down
+    to half of that between the two; it may be a rebound.
 
     Args:
         trace: positive while the impactor slows, or into the tissue.
@@ -406,7 +407,10 @@ def blow_again(trace: Trace, *, threshold: float = Cutting.threshold) -> float |
     value = trace.value - np.median(trace.value)
     peaks = [int(blow[np.argmax(value[blow])]) for blow in blows]
     first, *others = sorted(peaks, key=lambda at: -value[at])
-    high = [at for at in others if value[at] >= value[first] / 2]
+    # A flat top comes down by no more than its noise, wherever the threshold is.
+    valleys = [value[min(at, first) : max(at, first)].min() - value.min() for at in others]
+    apart = [2 * valley < value[at] - value.min() for at, valley in zip(others, valleys, strict=True)]
+    high = [at for at, down in zip(others, apart, strict=True) if down and value[at] >= value[first] / 2]
     return float(min(abs(time[at] - time[first]) for at in high)) if high else None
 
 

@@ -26,6 +26,8 @@ class ContactSettings:
         rounding: recorded numbers are rounded; below this fraction of the peak a difference means nothing.
         most_jump: of the greatest force, that a first sample may have where contact is judged by it.
         threshold: of the peak, that the trace passes at contact where that is so chosen.
+        about_g: of g, by which the step from held to falling may be off it,
+        letting_go: and the part of the time from that step to the peak that is not free fall yet.
     """
 
     scatter_samples: int = 20
@@ -41,6 +43,8 @@ class ContactSettings:
     rounding: float = 1e-6
     most_jump: float = 0.9
     threshold: float = 0.05
+    about_g: float = 0.3
+    letting_go: float = 0.1
 
 
 CONTACT = ContactSettings()
