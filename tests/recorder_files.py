@@ -21,10 +21,12 @@ def lvm(
     comment: bool = True,
     unit: str = "m/s^2",
     intervals: list[float | None] | None = None,
+    begun: list[str] | None = None,
 ) -> None:
     """A LabVIEW measurement file: a header, a block header per channel, and the data.
 
-    Channels may be shorter than the time; ``intervals`` are theirs where they differ from those of the time.
+    Channels may be shorter than the time; ``intervals`` are theirs where they differ from those of the time,
+    and ``begun`` are times of day.
     """
     count, rows = len(channels), len(time)
     steps = [f"{step or time[1] - time[0]:.9g}" for step in intervals or [None] * count]
@@ -48,6 +50,7 @@ def lvm(
         line("Channels", count, *per_channel),
         line("Samples", *[len(each) if samples is None else samples for each in channels.values()]),
         line("Y_Unit_Label", *[unit] * count),
+        *([line("Date", *["2024/05/17"] * count), line("Time", *begun)] if begun else []),
         line("X_Dimension", *["Time"] * count),
         line("X0", *[f"{time[0]!r}".replace("np.float64(", "").rstrip(")")] * count),
         line("Delta_X", *steps),

@@ -93,8 +93,8 @@ def run(
         uncertainty: How well the measuring chain is known, as a standard deviation: mass and gain as a
             fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.
         force: An entry of the table [[channel]] of a force beside the motion: value_column, place
-            (impactor or base), unit, scale, tip_mass_kg, relative_gain_sd, time_offset_s; may be repeated.
-            The only channel with a unit of force is taken unless given; none leaves it out.
+            (impactor or base), unit, scale, tip_mass_kg, relative_gain_sd, time_column, time_offset_s; may be
+            repeated. The only channel with a unit of force is taken unless given; none leaves it out.
         gravity: The part of gravity along the motion: none (a pendulum at its lowest point), drop (straight
             down), or a number of m/s², positive into the tissue. Asked for where a drop height is given.
         zero: Where an accelerometer read 0; in free fall unless stated.

@@ -42,9 +42,10 @@ def read_channels(folder: Path, table: ImpactTable, settings: Settings) -> list[
     def read(channel: ChannelSettings) -> Reading:
         signal = channel.as_signal(settings.signal)
         if channel.file is None and "trace" in table.table:
-            reading = read_files(folder, table.table, table.row, signal)
+            reading = read_files(folder, table.table, table.row, signal, settings.signal)
         else:
-            reading = read_long(folder, table.table["impact"].tolist(), signal, channel.file)
+            beside = settings.signal if channel.file is None else None
+            reading = read_long(folder, table.table["impact"].tolist(), signal, channel.file, beside)
         return on_first_clock(reading, channel)
 
     return all_of(read, settings.channel)

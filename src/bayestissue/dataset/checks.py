@@ -136,9 +136,10 @@ def _movement_problems(recordings: Recordings, moving: Motion) -> Iterator[Probl
     yield from recordings.where(dead, "constant-signal", "{:g} in every sample", moving.high)
     # Of what drifts or is turned around, it is no matter of the sampling rate.
     below = np.abs(recordings.samples.value[moving.peak]) < moving.farthest
-    few, low = narrow & ~below, "{:.4g} m/s² at the farthest"
-    yield from recordings.where(few, "narrow-peak.few", "{} samples", moving.pulse, least=MIN_SAMPLES)
-    yield from recordings.where(narrow & below, "narrow-peak.below", low, -moving.farthest)
+    words = "{} samples"
+    yield from recordings.where(narrow & ~below, "narrow-peak.few", words, moving.pulse, least=MIN_SAMPLES)
+    words = "{:.4g} m/s² at the farthest"
+    yield from recordings.where(narrow & below, "narrow-peak.below", words, -moving.farthest)
     yield from _clipped(recordings, moving)
     yield from _impossible_low_pass(recordings, moving)
     yield from (_depths if recordings.quantity == "displacement" else _speeds)(recordings, moving)

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +23,10 @@ from bayestissue.dataset.formats import (
     labview,
     unit_in_name,
 )
+from bayestissue.dataset.own_clock import clocks_among, own_clock, with_own_clock
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, Numbers, read_table
 from bayestissue.errors import InputError, Problem, refuse
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
@@ -53,7 +55,9 @@ class Recording:
     text: dict[int, str] = field(default_factory=dict)
 
 
-def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
+def read_recording(
+    path: Path, label: str, signal: SignalSettings, first: SignalSettings | None = None
+) -> Recording:
     """Read the recording of one impact.
 
     The channel ``signal.value_column`` holds the values; where that was left at its default, the only
@@ -63,17 +67,18 @@ def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
         path: the file; its suffix says the format.
         label: what to call it in a message.
         signal: the names of the channels.
+        first: those of the first channel, where this is a further one: see `own_clock`.
 
     Raises:
         InputError: the file is missing, damaged, of an unknown format, or lacks a channel.
     """
     if _is_table(path):
-        return _from_table(path, label, signal)
+        return _from_table(path, label, signal, first)
     contents = _contents(path, label)
     if contents.blocks:
-        value, first = f"{len(contents.blocks)} blocks", f"{label}#1"
-        raise InputError.stated("no-channel.blocks", label, value=value, first=first)
-    return _pick(contents, label, signal)
+        value, part = f"{len(contents.blocks)} blocks", f"{label}#1"
+        raise InputError.stated("no-channel.blocks", label, value=value, first=part)
+    return _pick(contents, label, signal, first)
 
 
 def suffix_of(path: Path) -> str:
@@ -162,11 +167,12 @@ def _contents(path: Path, label: str) -> Contents:
     return blocks[int(part) - 1]
 
 
-def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
+def _from_table(path: Path, label: str, signal: SignalSettings, first: SignalSettings | None) -> Recording:
     columns = {"numbers": [signal.time_column, signal.value_column]}
     if "time_column" not in signal.model_fields_set:
         columns = {"numbers": [signal.value_column], "optional": [signal.time_column]}
-    table = read_table(path, label, **columns, remedy=REMEDY, stated=signal)
+    read = partial(read_table, path, label, remedy=REMEDY, stated=signal)
+    table, signal = with_own_clock(partial(read, **columns), signal, first, label)
     value, time = table.numbers[signal.value_column], table.numbers.get(signal.time_column)
     return Recording(
         value.array,
@@ -177,7 +183,7 @@ def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
     )
 
 
-def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
+def _pick(contents: Contents, label: str, signal: SignalSettings, first: SignalSettings | None) -> Recording:
     problems, channels = [], contents.channels
     name = signal.value_column
     if name not in channels and "value_column" not in signal.model_fields_set:
@@ -189,13 +195,20 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
             problems.append(Problem.stated("no-channel.named", label, None, wanted, listed, setting=key))
     refuse(problems)
     value, time = channels[name], channels.get(signal.time_column)
+    if time is not None and first is not None:
+        clocks = {
+            key: Numbers(channels[key].values, unit=channels[key].unit)
+            for key in {*clocks_among([*channels]), first.time_column} & {*channels}
+        }
+        _, own = own_clock([*channels], clocks, signal, first, label)
+        time = Channel(own.array) if own else time
     count = value.values.size
     if count < MIN_SAMPLES and (others := long_enough(channels)):
         limits = {"least": MIN_SAMPLES, "others": ", ".join(others)}
         raise InputError.stated("no-channel.short", label, column=name, value=f"{count} samples", **limits)
     if time is not None and time.values.size != count:
         where = label, None, signal.time_column, time.values.size
-        raise InputError.stated("clock-and-channel", *where, channel=name, count=count)
+        raise InputError.stated("clock-and-channel.count", *where, channel=name, count=count)
     return Recording(
         value.values,
         None if time is None else time.values,

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
@@ -26,6 +26,8 @@ from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 
+# Share of a trace's peak below which a discrepancy leaves an element's outcomes as they are.
+SLIGHT = 0.01
 NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
 DROP_HEIGHT = "drop_height_cm"
 # Of an impact, beside the tissue that it meets.
@@ -42,12 +44,31 @@ class Law:
         gravity: [m/s^2]; 0 where there is none.
         headform: whether what hits stands for a head.
         velocity_m_s: that every impact has instead of the one of its condition, one for all or each draw's.
+        described: beside a discrepancy, which recorded impacts the element describes without it; None of all.
     """
 
     element: str
     gravity: float
     headform: bool = False
     velocity_m_s: Float[np.ndarray, "*draw"] | None = None
+    described: Bool[np.ndarray, " impact"] | None = None
+
+    def holds(self, recorded: Recorded, condition: Condition) -> bool:
+        """Whether impacts at the condition's levels follow it, as all do that were recorded there."""
+        if self.described is None:
+            return True
+        rows = _at_levels_of(recorded, condition)
+        return bool(rows.any() and self.described[rows].all())
+
+    def held(self, recorded: Recorded, condition: Condition) -> str:
+        """Levels of the condition's columns at which it holds, as words."""
+        columns = [column for column in condition if column in recorded.named] or recorded.needed
+        at = {
+            name: [label for label in recorded.levels(name) if self.holds(recorded, {name: label})]
+            for name in columns
+            if name in recorded.named
+        }
+        return "; ".join(f"{name} {', '.join(labels)}" for name, labels in at.items() if labels)
 
     def parameters(
         self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
@@ -265,12 +286,17 @@ def deeper(
     """
     if reached is None:
         return []
-    levels = {k: v for k, v in condition.items() if k in recorded.named and label_of(v) in recorded.levels(k)}
-    rows = recorded.matching(levels)
+    rows = _at_levels_of(recorded, condition)
     measured = float(reached[rows if rows.any() else slice(None)].max())
     if not depth > (1 + SETTINGS.deeper) * measured:
         return []
     return beyond("peak depth in mm", 1e3 * depth, [0.0, 1e3 * measured])
+
+
+def _at_levels_of(recorded: Recorded, condition: Condition) -> Bool[np.ndarray, " impact"]:
+    """Which impacts were recorded at a condition's levels, those alone that were recorded at all."""
+    levels = {k: v for k, v in condition.items() if k in recorded.named and label_of(v) in recorded.levels(k)}
+    return recorded.matching(levels)
 
 
 def parameter_log(

@@ -556,6 +556,9 @@ def motions_of(
     """
     if law is None:
         raise QuestionError(quantity.position, quantity.name, "a run with a law of force", str(NO_LAW))
+    if beyond_law := [condition for condition in conditions if not law.holds(recorded, condition)]:
+        expected = f"levels at which a law of force holds: {law.held(recorded, beyond_law[0])}"
+        raise QuestionError(quantity.position, quantity.name, expected, str(NO_LAW))
     if expected := unfit_height(recorded, conditions[0], law.gravity):
         raise QuestionError(quantity.position, DROP_HEIGHT, expected)
     conditions = [moving(condition, law.gravity) for condition in conditions]

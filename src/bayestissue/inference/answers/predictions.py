@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from bayestissue.dataset.cells import alike, cells_of, in_whatever_case, read_cells
 from bayestissue.elements import element
@@ -41,6 +41,7 @@ from bayestissue.inference.answers.law import (
     DROP_HEIGHT,
     MET,
     NO_LAW,
+    Law,
     deeper,
     moving,
     numbers,
@@ -129,10 +130,12 @@ def _predicted(
     count = _draws_of(finished)
     simulated = {name: value[:, ::step] for name, value in parameters.items()}
     met = {name: numbers(recorded, conditions, name) for name in MET}
-    outcomes = _outcomes(finished, simulated, met)
+    law = finished.law_of_levels
+    held = np.array([law is not None and law.holds(recorded, condition) for condition in conditions], bool)
+    outcomes = _outcomes(law, simulated, met, held)
     summarised = {name: parameters[name] for name in RESPONSES} | outcomes
     columns = COLUMNS | (HEADFORM_COLUMNS if finished.headform else OUTCOME_COLUMNS)
-    notes = _notes(finished, conditions, met["velocity_m_s"], outcomes.get("peak_depth"))
+    notes = _notes(finished, conditions, met["velocity_m_s"], outcomes.get("peak_depth"), held)
     summary = _summary(summarised, columns)
     table = pd.DataFrame(
         [
@@ -140,7 +143,7 @@ def _predicted(
             | {name: met[name][row] for name in ("mass_kg", "velocity_m_s")}
             | {"new": ", ".join(_new(recorded, condition))}
             | {name: float(values[row]) for name, values in summary.items()}
-            | {"draws": count, "simulated": simulated["K"][..., row].size if outcomes else 0}
+            | {"draws": count, "simulated": simulated["K"][..., row].size if held[row] else 0}
             | {"note": "; ".join(notes[row])}
             for row, condition in enumerate(conditions)
         ]
@@ -153,17 +156,18 @@ def _predicted(
 
 
 def _outcomes(
-    finished: Finished,
+    law: Law | None,
     parameters: Mapping[str, Float[np.ndarray, "chain draw condition"]],
     met: Mapping[str, Float[np.ndarray, " condition"]],
+    held: Bool[np.ndarray, " condition"],
 ) -> dict[str, Float[np.ndarray, "chain draw condition"]]:
-    """What impacts of such parameters and motions come to; nothing without a law."""
-    if finished.law is None:
+    """What impacts of such parameters and motions come to, NaN where the law does not hold."""
+    if law is None or not held.any():
         return {}
     shape = parameters["K"].shape
     flat = {name: value.reshape(-1, shape[-1]) for name, value in parameters.items()}
-    of_law = finished.law.outcomes(flat, *(met[name] for name in MET))
-    return {name: value.reshape(shape) for name, value in of_law.items()}
+    of_law = law.outcomes(flat, *(met[name] for name in MET))
+    return {name: np.where(held, value.reshape(shape), np.nan) for name, value in of_law.items()}
 
 
 def _notes(
@@ -171,6 +175,7 @@ def _notes(
     conditions: Sequence[Condition],
     velocity: Float[np.ndarray, " condition"],
     depth: Float[np.ndarray, "chain draw condition"] | None,
+    held: Bool[np.ndarray, " condition"],
 ) -> list[list[str]]:
     """Of each condition what lacks, and what lies beyond what was measured."""
     recorded, posterior = finished.recorded, finished.posterior
@@ -186,12 +191,14 @@ def _notes(
         ]
         for condition in conditions
     ]
+    lacks: list[list[str]] = [[] if law else [NO_LAW] for law in held.tolist()]
+    alone = [ELEMENT_ALONE] * finished.element_alone
     if depth is None:
-        return [[*one, *[ELEMENT_ALONE] * finished.element_alone, NO_LAW] for one in notes]
+        return [[*one, *alone, *law] for one, law in zip(notes, lacks, strict=True)]
     depths, reached = np.median(depth, axis=(0, 1)), reached_depths(posterior)
     return [
-        [*one, *(deeper(reached, recorded, at, float(x)) if v > 0 else [NO_VELOCITY])]
-        for one, at, v, x in zip(notes, conditions, velocity, depths, strict=True)
+        [*one, *alone, *(law or (deeper(reached, recorded, at, float(x)) if v > 0 else [NO_VELOCITY]))]
+        for one, at, v, x, law in zip(notes, conditions, velocity, depths, lacks, strict=True)
     ]
 
 
@@ -255,7 +262,8 @@ def _summary(
         ends = quantiles(of_rows, list(_QUANTILES.values()))
         summary |= {f"{columns[name]}{end}": v for end, v in zip(_QUANTILES, ends, strict=True)}
         if name in NEVER:
-            summary[f"{columns[name]}_never"] = np.isinf(of_rows).mean(axis=1)
+            known = ~np.isnan(of_rows).any(axis=1)
+            summary[f"{columns[name]}_never"] = np.where(known, np.isinf(of_rows).mean(axis=1), np.nan)
     return summary
 
 
