@@ -27,7 +27,7 @@ from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare,
 from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.chain.results import ChainEnd
-from bayestissue.inference.checking import another_element, model_form
+from bayestissue.inference.checking import another_element, model_form, sentence
 from bayestissue.inference.checking.force import judge_force
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.checking.recorded_peak import judge_peaks
@@ -506,7 +506,13 @@ def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) 
     if prepared.force:
         posterior, form = analysis.tree["posterior"].dataset, analysis.diagnostics["channels"]["form"]
         return judge_force(prepared.force, posterior, prepared.signal.mass, form)
-    return {"words": unused_channels(dataset.channels, prepared.force_unused)} if dataset.channels else {}
+    if not dataset.channels:
+        return {}
+    why = prepared.force_unused
+    first = sentence("force.first_unused", channel=dataset.channels[0].name, why=why)
+    # What two channels contradict each other in is said first; that a model has no place for one is not.
+    of_first = {"first": first} if isinstance(why, Coded) else {}
+    return of_first | {"words": unused_channels(dataset.channels, why)}
 
 
 def finished_fit(
