@@ -19,7 +19,7 @@ R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 _DECLARED = declared(__package__, "checks.toml")
 # What is said of single recordings, by the keys of a fit's diagnostics.
-OF_RECORDINGS = ("recordings", "clipped", "channels", "reference", "added_mass")
+OF_RECORDINGS = ("another_element", "recordings", "clipped", "channels", "reference", "added_mass")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
