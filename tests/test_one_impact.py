@@ -149,11 +149,11 @@ def test_slips_are_named_by_their_array():
             bt.impact(time, np.sin(300 * time), mass_kg=1.0, velocity_m_s=1.0, **{name: value})
 
 
-def test_too_few_samples_give_no_estimate_and_say_so(example):
+def test_too_few_samples_until_zero_velocity_take_the_rebound_and_say_so(example):
     trace, about = example.traces[5], example.impacts.iloc[5]
-    few = bt.impact(trace.time_s[3::30], trace.value[3::30], mass_kg=about["mass_kg"], velocity_m_s=1.25)
-    assert "fewer than 8 samples in the window" in few.flags
-    assert "no estimate" in repr(few)
-    # Nothing is fitted, and nothing left over.
-    assert few.plot().data["median"].isna().all()
+    met = {name: about[name] for name in ("mass_kg", "velocity_m_s")}
+    whole, few = (bt.impact(trace.time_s[3::n], trace.value[3::n], **met) for n in (1, 30))
+    assert few.flags == ()
+    assert "few samples until zero velocity: the window goes on to the rebound" in repr(few)
+    assert few.row["K_N_per_m"] == pytest.approx(whole.row["K_N_per_m"], rel=0.03)
     assert "NaN" not in few.plot().svg()
