@@ -259,7 +259,9 @@ def _same_recordings(recordings: Recordings) -> Iterator[Problem]:
     where the stated mass or velocity differs.
     """
     for which, earlier, exact in twins(recordings.samples):
-        how = "the same samples as" if exact else "with other digits, beginning or gain, the recording of"
+        how = (
+            "the same samples as" if exact else "with other digits, beginning, gain or rate, the recording of"
+        )
         yield recordings.problem("recording-twice", which, f"{how} impact {recordings.name[earlier]}")
 
 
