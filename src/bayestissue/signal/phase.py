@@ -17,11 +17,11 @@ nothing is said.
 
 Where no account has 95 % contact is estimated, with t_i = (1/2 + f_i) D and f_i normal with unknown mean and
 spread over the impacts. A mean of 0 and a spread of 0.29 are anywhere in the interval, a small spread is one
-place in all impacts, and a mean of -1/2 or 1/2 is a sample. A fit samples f_i with its mean and spread. For an
-impact by itself both are as the least squares of all impacts have them, and f_i is normal about that mean. To
-take the likeliest account alone would be as if it were certain: of one recording at a time, contact at a
-sample, 90 % intervals of C then held 47 % where a sample has 1 % of noise. To let each impact have its own odds
-would forget that they share a recorder.
+place in all impacts, and a mean of -1/2 or 1/2 is a sample. A fit samples f_i with its mean and spread. For
+an impact by itself both are as the least squares of all impacts have them, and f_i is normal about that mean.
+To take the likeliest account alone would be as if it were certain: of single recordings with contact at a
+sample and 1 % of noise on it, 90 % intervals of C then held 47 %. To let each impact have its own odds would
+forget that they share a recorder.
 """
 
 from __future__ import annotations
