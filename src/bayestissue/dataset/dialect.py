@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice, takewhile
+from itertools import islice, takewhile, zip_longest
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
@@ -233,9 +233,24 @@ class _Lines:
     def names(self, wanted: Sequence[str], *, named: bool) -> _Record | None:
         """The record with the names of the columns; None where there is none."""
         usual = self._names_above_numbers(named=named)
-        hits = [len(set(wanted) & {*record.bare, *_by_place(record.bare)}) for record in self.records]
+        hits = [
+            len(set(wanted) & {*self.titles(record), *_by_place(self.titles(record))})
+            for record in self.records
+        ]
         best = [record for record, hit in zip(self.records, hits, strict=True) if hit == max(hits) > 0]
         return usual if not best or usual in best else best[0]
+
+    def titles(self, record: _Record) -> list[str]:
+        """The names in a record; of the coordinates of markers, whose names stand above, ``marker.X1``."""
+        number = self.records.index(record)
+        names, above = record.bare, self.records[number - 1].bare if number else []
+        if not names or names[0] or not above or not above[0]:
+            return names
+        titles, marker = [], ""
+        for name, title in zip_longest(names, above, fillvalue=""):
+            marker = title or marker
+            titles.append(f"{marker}.{name}" if name else title)
+        return titles
 
     def _names_above_numbers(self, *, named: bool) -> _Record | None:
         if named or not self.number_columns:
@@ -365,7 +380,8 @@ def text_table(
     body = memoryview(data)[sum(map(len, head.splitlines(keepends=True)[: first_row - 1])) :]
     cells = [record.cells for record in lines.records if record.row >= first_row]
     columns = [f"column {number}" for number in range(1, lines.width + 1)]
-    names = _fitted([name.strip() for name in header.cells] if header else columns, cells)
+    titles = lines.titles(header) if header else columns
+    names = _fitted(titles + [""] * (len(header.cells) - len(titles) if header else 0), cells)
     names = names if named else _by_place(names)
     decimal, unsure = _decimal(lines, body, first_row, [named and name in NAMES for name in names])
     if unsure and not (marks.decimal or marks.thousands):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
@@ -32,6 +33,7 @@ from bayestissue.errors import InputError, Problem, refuse
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
 _TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
 SUFFIXES = (*TABLE_SUFFIXES, *FORMATS)
+_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -110,15 +112,34 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
 
 
 def _is_table(path: Path) -> bool:
-    """Whether a file is a table of text or cells: by its name, and of LabVIEW's texts by how they begin."""
+    """Whether a file is a table of text or cells: by its name, else by how it begins."""
     suffix = suffix_of(path)
-    if suffix not in (*_TABLES, labview.SUFFIX):
+    if suffix in FORMATS and suffix != labview.SUFFIX:
         return False
-    begin = b""
-    with suppress(OSError, ValueError), of_part(path)[0].open("rb") as file:
-        begin = file.read(labview.HEADER)
+    begin = _begin(path)
     # Whoever reads a file that is not there, or empty, says so.
-    return not labview.is_measurement(begin) and (suffix != labview.SUFFIX or labview.is_headerless(begin))
+    if labview.is_measurement(begin):
+        return False
+    if suffix == labview.SUFFIX:
+        return labview.is_headerless(begin)
+    return suffix in _TABLES or is_text_of_numbers(path)
+
+
+def _begin(path: Path) -> bytes:
+    with suppress(OSError, ValueError), of_part(path)[0].open("rb") as file:
+        return file.read(labview.HEADER)
+    return b""
+
+
+def is_text_of_numbers(path: Path) -> bool:
+    """Whether a file of whatever ending is a text that goes on in lines of numbers."""
+    begin = _begin(path)
+    if b"\0" in begin or not begin.strip():
+        return False
+    lines = begin.splitlines()[:-1] or begin.splitlines()
+    cells = [cell for line in lines[len(lines) // 2 :] for cell in re.split(rb"[\s,;|]+", line) if cell]
+    numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in cells)
+    return len(lines) >= MIN_SAMPLES and numbers > 0.8 * len(cells)
 
 
 def _to_its_end(values: np.ndarray) -> np.ndarray:
@@ -138,7 +159,7 @@ def long_enough(channels: Mapping[str, Channel]) -> list[str]:
 
 def _contents(path: Path, label: str) -> Contents:
     suffix = suffix_of(path)
-    if suffix in _TABLES:
+    if suffix in _TABLES or (suffix not in FORMATS and labview.is_measurement(_begin(path))):
         suffix = labview.SUFFIX
     if suffix not in FORMATS:
         endings = ", ".join((*SUFFIXES, *TEXT_SUFFIXES))

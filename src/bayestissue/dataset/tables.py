@@ -27,6 +27,8 @@ TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
 TEXT_SUFFIXES = (".txt", ".dat", ".asc")
 # The row of the first record below names in the first one, as a spreadsheet counts.
 FIRST_ROW = 2
+# How recorders write what is beyond their range.
+BEYOND_LIMIT = {"∞": np.inf, "+∞": np.inf, "-∞": -np.inf}
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Numbers:
     """A column of numbers; ``text`` keeps what stood in the cells that held something else.
 
     Attributes:
-        array: not a number (nan) where the cell was empty or held no number.
+        array: not a number (nan) where the cell was empty or held no number; infinite of `BEYOND_LIMIT`.
         text: from the index of such a cell to what stood there.
         unit: as a line of units states it; empty where none does.
         seconds: whether the cells hold times of day, which are seconds since the first one here.
@@ -246,9 +248,12 @@ def _sifted(cells: pa.Array, dialect: Dialect) -> Numbers:
     plain = pc.utf8_trim_whitespace(pc.if_else(good, cells, None))
     for mark, instead in (*((mark, "") for mark in dialect.thousands), (dialect.decimal, ".")):
         plain = pc.replace_substring(plain, mark, instead)
-    values = _floats(pa.chunked_array([plain]).cast(pa.float64()))
+    values = _floats(pa.chunked_array([plain]).cast(pa.float64())).copy()
     bad = np.flatnonzero(~np.asarray(good.fill_null(False), dtype=bool))
-    return Numbers(values, {int(index): cells[int(index)].as_py() or "" for index in bad})
+    text = {int(index): cells[int(index)].as_py() or "" for index in bad}
+    beyond = {index: BEYOND_LIMIT.get(words.strip(), np.nan) for index, words in text.items()}
+    values[list(beyond)] = list(beyond.values())
+    return Numbers(values, text)
 
 
 def _parse_parquet(

@@ -30,12 +30,14 @@ from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.intake.names import bare_name
 from bayestissue.outline import first_of
+from bayestissue.signal.displacement import displacements
+from bayestissue.signal.settings import CONTACT
 from bayestissue.signal.traces import noise_sd, stack
 
 RECORDINGS = "recordings"
 FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
 said = sentences(__package__)
-_ALIKE = ("quantity", "unit", "time_unit", "scale", "offset", "crop", "gravity", "zero")
+_ALIKE = ("quantity", "unit", "time_unit", "scale", "offset", "crop", "gravity", "zero", "contact")
 _OPTIONS = {
     **{f"signal.{key}": f"--{key.replace('_', '-')}" for key in _ALIKE},
     **{f"signal.{key}": f"--text {key}" for key in Stated.model_fields},
@@ -245,9 +247,23 @@ def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple
         soonest = min(again.values())
         named = first_of(list(again), 5)
         notes.insert(0, said("notes.again", impacts=named, seconds=soonest, apart=soonest / 2))
+    if _contact_untold(dataset):
+        notes.append(said("notes.contact"))
     if several:
         notes.insert(0, said("notes.several", impacts=first_of(several, 5)))
     return tuple(notes)
+
+
+def _contact_untold(dataset: Dataset) -> bool:
+    """Whether somebody has to say where contact falls within a sampling interval, as the recordings do not.
+
+    Most that begin at contact do not, whatever they look like: a force that jumps may have jumped earlier.
+    """
+    if dataset.contact or dataset.recorder or dataset.quantity == "displacement":
+        return False
+    signal = displacements(dataset)
+    begins_there = np.median(signal.n_before) < CONTACT.quiet_samples
+    return signal.phase.kind == "undecided" or bool(begins_there and not signal.phase.known)
 
 
 @dataclass(frozen=True, eq=False)

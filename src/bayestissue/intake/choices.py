@@ -61,6 +61,7 @@ class Choices:
         text: how texts are written, as far as it is not to be found: keys of `Stated`.
         gravity: the part of gravity along the motion, as ``signal.gravity``.
         zero: where the sensor read 0, as ``signal.zero``.
+        contact: where contact falls within a sampling interval, as ``signal.contact``.
         force: entries of the table ``[[channel]]`` of a force beside the motion; "none" for none. The
             only channel with a unit of force is taken where nothing is said.
         force_channel: the whole of that table, as `settle` has it; empty without a force.
@@ -82,6 +83,7 @@ class Choices:
     text: dict[str, Any] = field(default_factory=dict)
     gravity: str | float | None = None
     zero: str | None = None
+    contact: str | None = None
     uncertainty: dict[str, Any] = field(default_factory=dict)
     force: dict[str, Any] | Literal["none"] = field(default_factory=dict)
     force_channel: dict[str, Any] = field(default_factory=dict)
@@ -98,6 +100,7 @@ class Choices:
             "offset": self.offset or None,
             "gravity": self.gravity,
             "zero": self.zero,
+            "contact": self.contact,
             "crop": None if self.crop is None else list(self.crop),
             **self.text,
         }

@@ -41,7 +41,7 @@ from bayestissue.inference.answers.grammar import (
     claims,
     parse,
 )
-from bayestissue.inference.answers.law import DROP_HEIGHT, NO_LAW, Law, fall_height, moving
+from bayestissue.inference.answers.law import DROP_HEIGHT, Law, fall_height, moving
 from bayestissue.inference.answers.meaning import (
     alternatives,
     as_recorded,
@@ -243,7 +243,7 @@ def _choice(finished: Finished, node: Choice) -> list[dict[str, Any]]:
 
     posterior = values_in(finished.posterior)
     prior, note = _before(finished, node, values_in)
-    left_out = Coded(f"without {node.column} {', '.join(unlawful)}: {NO_LAW}", "not-simulated")
+    left_out = Coded(f"no peaks: no law of {node.column} {', '.join(unlawful)}", "not-simulated")
     best, rank, loss = ranked(posterior, lowest=node.lowest)
     best_before = None if prior is None else ranked(prior, lowest=node.lowest)[0]
     rows = []
