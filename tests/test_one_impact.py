@@ -153,7 +153,7 @@ def test_slips_are_named_by_their_array():
 def test_too_few_samples_give_no_estimate_and_say_so():
     # One blow of five samples could not be read; the mass bounces.
     blow, rest = 100 * np.sin(np.pi * (np.arange(5) + 0.5) / 5), np.zeros(5)
-    value = np.concatenate([rest, blow, rest, blow, rest])
+    value = np.concatenate([np.tile(rest, 6), blow, rest, blow, rest])
     few = bt.impact(0.004 * np.arange(len(value)), value, mass_kg=0.7, velocity_m_s=1.25)
     assert "fewer than 8 samples in the window" in few.flags
     assert "no estimate" in repr(few)

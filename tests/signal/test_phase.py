@@ -11,6 +11,7 @@ from impacts_bench import Impact, Lab, Recorded, record
 import bayestissue as bt
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.signal import displacements
+from bayestissue.signal.displacement import NOT_ON_SAMPLE
 
 RATE, NUMBER = 2e3, 30
 # K = 3000 N/m, C = 12 N s/m, M = 0.5 kg.
@@ -104,6 +105,26 @@ def test_what_is_declared_is_not_judged(zero):
     assert (between.kind, between.judged) == ("between", False)
     declared = displacements(replace(here, contact="on_sample")).phase
     assert (declared.kind, declared.judged) == ("before" if zero else "first", False)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.002])
+def test_contact_that_is_declared_to_be_at_a_sample_and_is_not_is_contradicted(noise: float) -> None:
+    anywhere = lab(np.random.default_rng(4).uniform(size=NUMBER), noise=noise)
+    made = displacements(replace(anywhere, contact="on_sample"))
+    assert made.phase.known
+    assert made.phase.words.endswith("as declared: the recordings contradict it")
+    assert all(NOT_ON_SAMPLE in notes for notes in made.notes)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("noise", "faster"), [(0.001, 1.0), (0.01, 1.0), (0.001, 1.01)])
+def test_contact_at_a_sample_is_not_contradicted(noise: float, faster: float, seed: int) -> None:
+    """Nor where the velocity is one that nobody knows of: it moves contact in all impacts alike."""
+    at_sample = replace(lab(0.0, noise=noise, seed=seed), contact="on_sample")
+    impacts = at_sample.impacts.assign(velocity_m_s=faster * TISSUE.velocity)
+    made = displacements(replace(at_sample, impacts=impacts))
+    assert not made.phase.contradicted
+    assert not any(NOT_ON_SAMPLE in notes for notes in made.notes)
 
 
 def test_an_impact_by_itself_has_the_place_of_contact_as_a_parameter() -> None:

@@ -66,6 +66,7 @@ class Phase(NamedTuple):
         kind: anywhere between samples; at the first sample in contact, which then holds the jump C V / M; at
             the one before it, which holds 0; or at a place that is to be estimated.
         judged: the recordings told, as nothing was declared.
+        contradicted: contact is declared to be at a sample, and the recordings spread it over the interval.
         mean, sd: where it is to be estimated, of f in an impact whose own trace was not asked: contact was
             (1/2 + f) intervals before the first sample in contact.
     """
@@ -74,6 +75,7 @@ class Phase(NamedTuple):
     judged: bool = False
     mean: float = 0.0
     sd: float = 12**-0.5
+    contradicted: bool = False
 
     @property
     def place(self) -> float:
@@ -94,6 +96,7 @@ class Phase(NamedTuple):
             "before": "at a sample, the last one before the force",
             "undecided": "between two samples or at one of them: where is estimated",
         }[self.kind]
+        words += ", as declared: the recordings contradict it" if self.contradicted else ""
         return f"{words}, as all recordings together tell" if self.judged else words
 
 
@@ -120,7 +123,8 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
     *accounts, anywhere = _log_evidence(evidence, velocity_sd)
     if declared:
         needed = -PHASE.clear if prior[1] > prior[0] else PHASE.clear
-        return Phase("before" if accounts[1] > accounts[0] + needed else "first")
+        kind: Kind = "before" if accounts[1] > accounts[0] + needed else "first"
+        return Phase(kind, contradicted=_spread(evidence, accounts, anywhere))
     if max(accounts) < anywhere:
         return BETWEEN
     with np.errstate(divide="ignore"):
@@ -131,6 +135,13 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
         if share > PHASE.sure:
             return Phase(kind, judged=True)
     return Phase("undecided", False, *_of_another(evidence, velocity_sd))
+
+
+def _spread(evidence: ContactEvidence, accounts: list[float], anywhere: float) -> bool:
+    """Whether contact is clearly between samples, and not by an error that all recordings have alike."""
+    t, s = ((part / evidence.dt)[evidence.bracketed] for part in (evidence.before_s, evidence.sd))
+    apart = t.size > 1 and np.var(t, ddof=1) - np.mean(s**2) > PHASE.apart**2
+    return bool(apart and accounts[2] > max(anywhere, PHASE.contradicts + max(accounts[:2])))
 
 
 def _of_another(evidence: ContactEvidence, velocity_sd: Column) -> tuple[float, float]:
