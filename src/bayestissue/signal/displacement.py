@@ -39,6 +39,9 @@ LONGER = Coded("few samples below the sensor's limit: the window goes on to the 
 SLOWLY = Coded("few samples until zero velocity: the window goes on to the rebound", "few-samples")
 NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
 ON_SAMPLE = Coded("contact is taken to be at a sample", "contact-on-sample")
+NOT_ON_SAMPLE = Coded(
+    "contact is declared to be at a sample: the recordings contradict it", "contact-between"
+)
 BELOW_ZERO = Coded(
     "stays below zero, where contact is: the sensor has another zero (write signal.offset)", "starts-deep"
 )
@@ -178,8 +181,8 @@ def displacements(
     if phase.known:
         signals = tuple(_integrated(met(rows), options, rule, phase)[0] for rows in blocks)
     signal = _joined(signals)
-    noted = [[*row, ON_SAMPLE] for row in signal.notes] if phase.known and phase.judged else signal.notes
-    return replace(signal, phase=phase, notes=noted)
+    of_phase = [ON_SAMPLE] * (phase.known and phase.judged) + [NOT_ON_SAMPLE] * phase.contradicted
+    return replace(signal, phase=phase, notes=[row + of_phase for row in signal.notes])
 
 
 class _Met(NamedTuple):

@@ -89,6 +89,9 @@ class PhaseSettings:
         sure: the probability from which on an account is taken alone.
         clear: of log evidence, by which one of the two samples is clearly likelier than the other. Contact
             declared to be at a sample is at the first one, or where the clock begins, unless the other is so.
+        contradicts: of log evidence, by which contact between samples is likelier where the recordings
+            contradict a declared one at a sample,
+        apart: and so far, in sampling intervals and beyond its errors, it then scatters.
         mean_sd, spread: scales of the normal and half-normal priors of the mean and the spread of f, contact
             being (1/2 + f) intervals before the first sample in contact; those of a fit stand in its model.
     """
@@ -97,6 +100,8 @@ class PhaseSettings:
     on_sample: float = 0.2
     sure: float = 0.95
     clear: float = 3.0
+    contradicts: float = 7.0
+    apart: float = 0.15
     mean_sd: float = 0.5
     spread: float = 0.3
 
