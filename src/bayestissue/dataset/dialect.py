@@ -55,6 +55,7 @@ _FURTHER_UNITS = frozenset([
     "V", "mV", "Volt", "Volts", "N", "kN", "lbf", "Nm", "N-m", "N.m", "N·m", "N*m", "kg", "Hz", "%", "°C",
     "Pa", "kPa", "MPa", "deg", "°", "deg/s", "°/s", "rad/s",
 ])  # fmt: skip
+_RUN = re.compile(r"\s(Run|Trial) ?#?\d+$|^(Run|Trial|Data Set) ?#?\d+: *", re.IGNORECASE)
 # What an oscilloscope calls the first time and the step, which stand in the first row or that of units.
 _CLOCK = ("start", "increment")
 
@@ -382,7 +383,7 @@ def text_table(
     columns = [f"column {number}" for number in range(1, lines.width + 1)]
     titles = lines.titles(header) if header else columns
     names = _fitted(titles + [""] * (len(header.cells) - len(titles) if header else 0), cells)
-    names = names if named else _by_place(names)
+    names = names if named else _by_place(_without_run(names, wanted))
     decimal, unsure = _decimal(lines, body, first_row, [named and name in NAMES for name in names])
     if unsure and not (marks.decimal or marks.thousands):
         row, column, cell = unsure
@@ -413,6 +414,14 @@ def text_table(
 def is_clock(name: str) -> bool:
     """Whether a column of this name states the first time of a recording, or its step, in one cell."""
     return name.casefold() in _CLOCK
+
+
+def _without_run(names: list[str], wanted: Sequence[str]) -> list[str]:
+    """The names without ``Run #7`` where all have it: in another file they have another number."""
+    runs = {match[0] if (match := _RUN.search(name)) else "" for name in names if name}
+    if len(runs) != 1 or "" in runs or sum(map(bool, names)) < 2 or set(wanted) & set(names):
+        return names
+    return [_RUN.sub("", name).strip() for name in names]
 
 
 def _by_place(names: Sequence[str]) -> list[str]:

@@ -57,7 +57,8 @@ def own_clock(
         return signal.time_column, times if times is None else _as_beside(
             times, signal.time_column, shared, first
         )
-    clocks = [name for name in columns if name in names and _rises(columns[name], shared)]
+    named = [name for name in names if name in {*clocks_among(names), first.time_column}]
+    clocks = [name for name in named if name in columns and _rises(columns[name], shared)]
 
     def before(value: str) -> str | None:
         above = names[: names.index(value)] if value in names else ()
