@@ -10,6 +10,9 @@ from impacts_bench import Impact, Lab, Recorded, record
 
 import bayestissue as bt
 from bayestissue.dataset.chain import Uncertainty
+from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.resources import shared
 from bayestissue.signal import displacements
 from bayestissue.signal.displacement import NOT_ON_SAMPLE
 
@@ -185,3 +188,16 @@ def test_a_fit_finds_the_place_of_contact_that_all_recordings_share() -> None:
     for name, true in (("K", 3000.0), ("C", 12.0)):
         rows = summary.loc[name]
         assert ((rows["eti90_low"] <= true) & (rows["eti90_high"] >= true)).mean() > 0.7
+
+
+def test_of_few_samples_contact_is_a_parameter_though_it_is_between_two() -> None:
+    """An error of half an interval is not linear then: intervals of K from seven samples held 55 %."""
+    model = read_specification(shared("models", "impact.toml"))
+    random, omega_n = np.random.default_rng(3), np.sqrt(3000 / 0.5)
+    for per_peak, known in ((7, True), (60, False)):
+        rate = per_peak * omega_n / (np.pi / 2)
+        made = record([TISSUE] * 4, rate, before=0.1, phase=random.uniform(size=4), noise=0.002)
+        impacts = made.impacts.assign(impact=list("abcd"), subject="s", mass_kg=0.5)
+        traces = [(trace.time_s, trace.value) for trace in made.traces]
+        data = bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2", contact="between")
+        assert prepare(data, model, source="impact").model.contact is known
