@@ -380,8 +380,8 @@ class Drops:
         """
         drop = self.of_file(file)
         if drop is not None and not drop.left_out:
-            drop.changed = self.version = self.version + 1
             drop.left_out = UNREADABLE
+            self._note(drop, f"{drop.impact}: left out: {UNREADABLE}")
         elif self.refused.get(file) == sha256:
             return
         self.refused[file] = sha256

@@ -99,6 +99,11 @@ class Watch:
         # Files that were judged and are others now: each holds its row until it is judged anew.
         self._changed: set[str] = set()
         order.require_same(drops.order, drops.rows)
+        for drop in [drop for drop in drops if order.rows and drop.file not in drops.rows]:
+            # Where the list was lost: each has the first row that is open after those before it.
+            left = self._left([other for other in drops if other.file in drops.rows])
+            at = next((at for at, row in left.items() if row.items() <= drop.cells.items()), None)
+            drops.rows |= {} if at is None else {drop.file: at}
         drops.order = list(order.rows) or drops.order
         self._incoming = drops.folder / _INCOMING
         require_left_over(self._incoming)
@@ -258,60 +263,57 @@ class Watch:
         gone = {name: at for name, at in drops.rows.items() if name not in listed and name not in judged}
         for name in drops.rows.keys() - {*listed, *(drop.file for drop in drops)}:
             del drops.rows[name]
-        by_name = sorted(new, key=natural)
-        by_time = sorted(by_name, key=lambda name: listed[name].modified_ns)
-        in_order = by_name if self.campaign.files_by == "names" else by_time
-        row_of, facts = self._rows_of(in_order)
-        first = {name: at for name, at in row_of.items() if name not in drops.rows}
-        # A name that is unlike all others, but for its numbers, may be no drop's.
-        shapes = Counter(_shape(name) for name in new)
-        alone = {name for name in new if shapes[_shape(name)] == 1 < max(shapes.values())}
-        others_first = sorted(in_order, key=lambda name: name in alone)
-        if problem := self._twice():
-            pass
-        elif reused:
+        row_of, problem = self._rows_in_order(new, gone, listed)
+        if reused:
             (name, now), *_ = reused.items()
             problem = Problem.stated("no-campaign.row-held", name, value=f"the name that {now} had")
-        elif first and gone and [*first.values()][: len(gone)] != sorted(gone.values()):
-            problem = Problem.stated(
-                "no-campaign.gone", str(self.recordings), value=_in_a_row([*first]), names=_in_a_row([*gone])
-            )
-        elif facts != self._rows_of(others_first)[1]:
-            problem = Problem.stated("no-campaign.alone", str(self.recordings), value=_in_a_row([*alone]))
-        elif self.campaign.files_by is None and facts != self._rows_of(by_name)[1]:
-            problem = Problem.stated(
-                "no-campaign.sequence",
-                str(self.recordings),
-                value=_in_a_row(by_time),
-                names=_in_a_row(by_name),
-            )
-        elif len(new) > 1 and any(lacking for lacking, _ in facts.values()) and row_of:
-            problem = Problem.stated("no-campaign.more-files", str(self.recordings), value=_in_a_row(by_time))
-        elif held := [name for name in new if name in drops.rows and name not in row_of]:
-            holders = [
-                name for name, at in drops.rows.items() if at == drops.rows[held[0]] and name != held[0]
-            ]
-            problem = Problem.stated(
-                "no-campaign.row-held", held[0], value=f"the row of {_in_a_row(holders)}"
-            )
-        elif late := self._late(first, listed):
-            problem = Problem.stated("no-campaign.late", str(self.recordings), value=late)
-        if problem:
+        if problem := self._twice() or problem:
             drops.rows.update(gone)
             self._wait(problem)
             # Verdicts wait too: they would open rows that new files then seem to have.
             return {*listed}
-        self._changed |= row_of.keys() - first.keys()
+        first = row_of.keys() - drops.rows.keys()
+        self._changed |= row_of.keys() - first
         if first:
-            drops.rows.update(first)
+            drops.rows.update(row_of)
             drops.write()
         return set()
+
+    def _rows_in_order(
+        self, new: Sequence[str], gone: Mapping[str, int], listed: Mapping[str, Stamp]
+    ) -> tuple[dict[str, int], Problem | None]:
+        """The rows that files take in the order of their recording, and what leaves that open."""
+        folder, rows = str(self.recordings), self.drops.rows
+        by_name = sorted(new, key=natural)
+        by_time = sorted(by_name, key=lambda name: listed[name].modified_ns)
+        in_order = by_name if self.campaign.files_by == "names" else by_time
+        row_of, facts = self._rows_of(in_order)
+        first = {name: at for name, at in row_of.items() if name not in rows}
+        if first and gone and [*first.values()][: len(gone)] != sorted(gone.values()):
+            value, names = _in_a_row([*first]), _in_a_row([*gone])
+            return row_of, Problem.stated("no-campaign.gone", folder, value=value, names=names)
+        # A name that is unlike all others, but for its numbers, may be no drop's.
+        shapes = Counter(_shape(name) for name in new)
+        alone = [name for name in by_name if shapes[_shape(name)] == 1 < max(shapes.values())]
+        if facts != self._rows_of(sorted(in_order, key=lambda name: name in alone))[1]:
+            return row_of, Problem.stated("no-campaign.alone", folder, value=_in_a_row(alone))
+        if self.campaign.files_by is None and facts != self._rows_of(by_name)[1]:
+            value, names = _in_a_row(by_time), _in_a_row(by_name)
+            return row_of, Problem.stated("no-campaign.sequence", folder, value=value, names=names)
+        if len(new) > 1 and any(lacking for lacking, _ in facts.values()) and row_of:
+            return row_of, Problem.stated("no-campaign.more-files", folder, value=_in_a_row(by_time))
+        for name in [name for name in new if name in rows and name not in row_of]:
+            others = [other for other, at in rows.items() if at == rows[name] and other != name]
+            value = f"the row of {_in_a_row(others)}"
+            return row_of, Problem.stated("no-campaign.row-held", name, value=value)
+        late = self._late(first, listed)
+        return row_of, Problem.stated("no-campaign.late", folder, value=late) if late else None
 
     def _unseen(self, listed: Mapping[str, Stamp]) -> tuple[list[str], dict[str, str]]:
         """Files that hold a recording of their own which has no row yet: new ones, and changed ones.
 
         A drop in use keeps its row while its file changes. A recording that was only renamed or copied is no
-        other one. Names that another recording has, while theirs got the name beside it, come second.
+        other one. Second come names that have another recording, by the names that their own got.
         """
         drops = self.drops
         of_file = {drop.file: drop for drop in drops}
@@ -322,7 +324,8 @@ class Watch:
         sizes = Counter([listed[name].size for name in new] + [drop.stamp.size for drop in drops])
         known = {sha256: name for name, sha256 in drops.refused.items()}
         known |= {drop.sha256: drop.file for drop in drops}
-        unseen, reused = [], {}
+        unseen: list[str] = []
+        reused: dict[str, str] = {}
         for name in sorted(new, key=lambda name: (listed[name].modified_ns, natural(name))):
             size, sha256 = listed[name].size, ""
             if name in judged or (size and (drops.refused or sizes[size] > 1)):
@@ -572,11 +575,13 @@ class Watch:
         """The drops that the order or the plan still has."""
         return list(self._left().values())
 
-    def _left(self) -> dict[int, Cells]:
+    def _left(self, drops: Sequence[Drop] | None = None) -> dict[int, Cells]:
+        """The rows that are open, as these drops leave them; all drops unless given."""
         rows = self.drops.rows
         # A plan is of people alone; an order may have rows of phantoms too.
         named = self.order.people_named
-        good = [drop for drop in self.drops if drop.good and (named or not drop.of_phantom)]
+        known = self.drops.all if drops is None else drops
+        good = [drop for drop in known if drop.good and (named or not drop.of_phantom)]
         held = [rows[drop.file] for drop in good if drop.file in rows]
         # Of files that nobody has judged yet, since they are empty, still grow, or wait for their turn.
         judged = {*self.drops.refused, *(drop.file for drop in self.drops)} - self._changed
