@@ -374,6 +374,14 @@ def test_a_drop_that_is_overwritten_by_what_cannot_be_read_is_left_out_until_it_
     (bench.recorded / "d1.csv").write_bytes(whole)
     watch.catch_up(0)
     assert (reasons(bench.out), watch.left()[0]) == ({}, {"mass_kg": 0.6})
+    # Or until a person uses it all the same.
+    (bench.recorded / "d1.csv").write_text("time_s,value\n0.0,1\n")
+    watch.catch_up(0)
+    watch.decide("d1", "")
+    bench.record("d1.csv", 55.0)
+    bench.record("d2.csv")
+    watch.catch_up(0)
+    assert (bench.masses, reasons(bench.out)) == (bench.in_order("d1", "d2"), {})
 
 
 def test_names_that_were_swapped_within_an_order_are_looked_at(bench: Bench) -> None:

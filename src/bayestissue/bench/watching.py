@@ -319,7 +319,7 @@ class Watch:
         of_file = {drop.file: drop for drop in drops}
         other = {name for name, stamp in listed.items() if self._follower.settled.get(name) != stamp}
         self._changed &= other
-        judged = {*drops.refused, *(name for name, drop in of_file.items() if not drop.good)}
+        judged = {*drops.refused, *of_file} - {drop.file for drop in drops if drop.good}
         new = other - {*drops.rows, *of_file} | (other & judged) - self._changed
         sizes = Counter([listed[name].size for name in new] + [drop.stamp.size for drop in drops])
         known = {sha256: name for name, sha256 in drops.refused.items()}
@@ -445,6 +445,7 @@ class Watch:
         if earlier is not None and earlier.sha256 == sha256:
             earlier.stamp = stamp
             if earlier.left_out == UNREADABLE:
+                self.drops.refused.pop(name, None)
                 self.decide(earlier.impact, "")
             return
         if same is not None and _holds(self.recordings / same.file, sha256):
