@@ -433,6 +433,17 @@ def test_a_file_that_is_renamed_before_it_was_judged_is_looked_at(bench: Bench) 
     assert bench.masses == {"d3": 0.5}
 
 
+def test_a_file_that_is_gone_is_in_nobodys_way_where_the_order_names_files(bench: Bench) -> None:
+    bench.order(MASSES[:3], ["d1", "d2", "d3"])
+    (bench.recorded / "d1.csv").write_bytes(b"")
+    watch = bench.begin()
+    watch.catch_up(0)
+    (bench.recorded / "d1.csv").unlink()
+    bench.record("d3.csv")
+    watch.catch_up(0)
+    assert bench.masses == {"d3": 0.7}
+
+
 def test_a_decision_on_the_page_follows_what_was_written_by_hand_before(bench: Bench) -> None:
     bench.record("d1.csv")
     watch = bench.begin()

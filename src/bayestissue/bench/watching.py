@@ -289,7 +289,15 @@ class Watch:
         in_order = by_name if self.campaign.files_by == "names" else by_time
         row_of, facts = self._rows_of(in_order)
         first = {name: at for name, at in row_of.items() if name not in rows}
-        if first and gone and [*first.values()][: len(gone)] != sorted(gone.values()):
+        # One that is gone may have got a new name, by which a row can be its own.
+        named = {name: self.campaign.named(name, suffix_of(Path(name))) for name in first}
+        all_rows = self.order.named(self._people())
+        lost = [
+            at
+            for at in sorted(gone.values())
+            if any(self.order.row_for(name, {at: all_rows[at]}, cells) == at for name, cells in named.items())
+        ]
+        if [*first.values()][: len(lost)] != lost:
             value, names = _in_a_row([*first]), _in_a_row([*gone])
             return row_of, Problem.stated("no-campaign.gone", folder, value=value, names=names)
         # A name that is unlike all others, but for its numbers, may be no drop's.
