@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
+from typing import NamedTuple
 from xml.sax.saxutils import escape
 
 import ezc3d
@@ -21,10 +22,12 @@ def lvm(
     comment: bool = True,
     unit: str = "m/s^2",
     intervals: list[float | None] | None = None,
+    begun: list[str] | None = None,
 ) -> None:
     """A LabVIEW measurement file: a header, a block header per channel, and the data.
 
-    Channels may be shorter than the time; ``intervals`` are theirs where they differ from those of the time.
+    Channels may be shorter than the time; ``intervals`` are theirs where they differ from those of the time,
+    and ``begun`` are times of day.
     """
     count, rows = len(channels), len(time)
     steps = [f"{step or time[1] - time[0]:.9g}" for step in intervals or [None] * count]
@@ -48,6 +51,7 @@ def lvm(
         line("Channels", count, *per_channel),
         line("Samples", *[len(each) if samples is None else samples for each in channels.values()]),
         line("Y_Unit_Label", *[unit] * count),
+        *([line("Date", *["2024/05/17"] * count), line("Time", *begun)] if begun else []),
         line("X_Dimension", *["Time"] * count),
         line("X0", *[f"{time[0]!r}".replace("np.float64(", "").rstrip(")")] * count),
         line("Delta_X", *steps),
@@ -108,6 +112,17 @@ def xlsx(path: Path, rows: list[list[object]], *, before: tuple[str, ...] = ()) 
     workbook(path, {**{name: [] for name in before}, "Messung": rows})
 
 
+# How a workbook shows its times, which are numbers of days.
+STYLES = ("hh:mm:ss.000", "yyyy-mm-dd hh:mm:ss.000", "[h]:mm:ss.000", "mm:ss.0")
+
+
+class Styled(NamedTuple):
+    """A number that a cell shows by one of `STYLES`, from 1 on."""
+
+    number: float
+    style: int
+
+
 def workbook(path: Path, sheets: dict[str, list[list[object]]], *, hidden: tuple[str, ...] = ()) -> None:
     """An Excel workbook by hand: numbers as numbers, the rest as text; some sheets are ``hidden``."""
     main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
@@ -115,6 +130,8 @@ def workbook(path: Path, sheets: dict[str, list[list[object]]], *, hidden: tuple
     package = "http://schemas.openxmlformats.org/package/2006"
 
     def cell(value: object) -> str:
+        if isinstance(value, Styled):
+            return f'<c s="{value.style}"><v>{value.number!r}</v></c>'
         if isinstance(value, float | int):
             return f"<c><v>{value!r}</v></c>"
         return f'<c t="inlineStr"><is><t>{escape(str(value))}</t></is></c>'
@@ -140,6 +157,14 @@ def workbook(path: Path, sheets: dict[str, list[list[object]]], *, hidden: tuple
         file.writestr(
             "xl/_rels/workbook.xml.rels",
             f'<Relationships xmlns="{package}/relationships">{related}</Relationships>',
+        )
+        formats = "".join(
+            f'<numFmt numFmtId="{170 + n}" formatCode="{text}"/>' for n, text in enumerate(STYLES)
+        )
+        cells = "".join(f'<xf numFmtId="{number}"/>' for number in (0, *range(170, 170 + len(STYLES))))
+        file.writestr(
+            "xl/styles.xml",
+            f'<styleSheet xmlns="{main}"><numFmts>{formats}</numFmts><cellXfs>{cells}</cellXfs></styleSheet>',
         )
         for n, rows in enumerate(sheets.values(), 1):
             body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)

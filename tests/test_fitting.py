@@ -268,7 +268,9 @@ def test_structured_residuals_ask_for_a_second_fit(
     if again:
         assert seen == [(False, tmp_path), (True, tmp_path / "discrepancy")]
         assert (tmp_path / "discrepancy").is_dir()
-        assert said == ["summarising each trace", "again with a discrepancy: summarising each trace"]
+        first, told_before, second = said
+        assert (first, second) == ("summarising each trace", f"again with a discrepancy: {first}")
+        assert "a second fit begins, with a discrepancy; it may take several times as long" in told_before
         assert (told["score"], told["left"], round(told["discrepancy"], 12)) == (9.0, 0.5, 0.05)
         assert "WARNING" in found.verdict
         assert "5 % of the peak" in found.verdict

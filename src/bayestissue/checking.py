@@ -17,7 +17,7 @@ from bayestissue.hierarchy.columns import few_valued
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.results.meanings import few_valued_words
 from bayestissue.inference.single.phantoms import control_chart
-from bayestissue.outline import Outlined, Rows, counted, short, span
+from bayestissue.outline import Outlined, Rows, counted, first_of, short, span
 from bayestissue.report.recordings_pages import check_page, kinds, quality_table
 from bayestissue.results.tables import table_of_rows
 from bayestissue.signal import Displacements, displacements
@@ -123,7 +123,11 @@ def check(dataset: Dataset | str | Path) -> Check:
     signal = displacements(dataset)
     findings = inspect(dataset)
     force = force_beside(dataset, signal)
-    warnings = (*dataset.warnings, *_raised(dataset, signal, findings), *_disagreement(force))
+    warnings = (
+        *dataset.warnings,
+        *_raised(dataset, signal, findings),
+        *_disagreement(force, dataset.impacts["impact"]),
+    )
     quality = quality_table(dataset, signal, warnings, force)
     return Check(dataset, signal, quality, warnings, findings, force, control_chart(dataset))
 
@@ -143,9 +147,18 @@ def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -
         yield from _undeclared(names, signal)
 
 
-def _disagreement(force: Force | None) -> Iterator[Problem]:
+def _disagreement(force: Force | None, names: pd.Series) -> Iterator[Problem]:
     """A force that the motion of the declared mass contradicts, with the size of what must be wrong."""
-    if force is None or not force.contradicts:
+    if force is None:
+        return
+    stated = partial(Problem.stated, file="recording", column=force.channel.name)
+    if force.lags:
+        kind = "drifts" if np.isinf(force.corner_hz) else "filtered" if force.corner_hz else "late"
+        yield stated(f"channels-disagree.{kind}", value=force.late)
+    if force.apart.any():
+        named = first_of(names[force.apart].tolist(), 5)
+        yield stated("channels-disagree.apart", value=f"{force.between} ({named} apart)")
+    if not force.contradicts:
         return
     ratio = force.common[0]
     if force.impulse:

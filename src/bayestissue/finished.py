@@ -29,6 +29,7 @@ from bayestissue.results.tables import table_of_rows
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
+    from bayestissue.hierarchy.recorded import Condition
     from bayestissue.hierarchy.trace_data import Prepared
     from bayestissue.inference.answers.predictions import Predicted
     from bayestissue.inference.chain.results import ChainEnd
@@ -228,6 +229,7 @@ class Fit(Outlined):
         *,
         draws: str | Path | None = None,
         overwrite: bool = False,
+        say: Say | None = None,
     ) -> pd.DataFrame:
         """K, C and the outcomes of new impacts, with 90 % intervals.
 
@@ -239,6 +241,7 @@ class Fit(Outlined):
             draws: a file for the joint draws of `predicted_draws`, whose name ends in ``.parquet``, or in
                 ``.nc`` for netCDF.
             overwrite: replace that file.
+            say: told the stage, how many rows of a long table are done, and of how many.
 
         Returns:
             A row for each: see `bayestissue.inference.answers.predictions.predicted`.
@@ -246,10 +249,10 @@ class Fit(Outlined):
         Raises:
             InputError: the table is wrong: all that is, by row, column and value; or ``draws`` is taken.
         """
-        from bayestissue.inference.answers.predictions import DRAWS_AS, is_draws, write_draws
+        from bayestissue.inference.answers.predictions import DRAWS_AS, is_draws, predict, write_draws
 
         if draws is None:
-            return self._predicted(table).table
+            return runtime.in_float64(predict)(self.finished, self._conditions(table), say)
         read = (self.folder, None if isinstance(table, pd.DataFrame) else Path(table))
         results.require_file(
             Path(draws),
@@ -280,11 +283,14 @@ class Fit(Outlined):
         return self._predicted(table).draws
 
     def _predicted(self, table: str | Path | pd.DataFrame) -> Predicted:
-        from bayestissue.inference.answers.predictions import predicted, read_conditions
+        from bayestissue.inference.answers.predictions import predicted
 
-        finished = self.finished
-        conditions = read_conditions(table, finished.recorded, finished.gravity)
-        return runtime.in_float64(predicted)(finished, conditions)
+        return runtime.in_float64(predicted)(self.finished, self._conditions(table))
+
+    def _conditions(self, table: str | Path | pd.DataFrame) -> list[Condition]:
+        from bayestissue.inference.answers.predictions import read_conditions
+
+        return read_conditions(table, self.finished.recorded, self.finished.gravity)
 
     @cached_property
     def plot(self) -> Plots:

@@ -23,11 +23,11 @@ from bayestissue.finished import TABLES, Fit, read_run
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.named_model import named_model
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
-from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, too_short, with_discrepancy
+from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, too_short, with_discrepancy
 from bayestissue.hierarchy.untried import untried
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.chain.results import ChainEnd
-from bayestissue.inference.checking import model_form
+from bayestissue.inference.checking import another_element, model_form, sentence
 from bayestissue.inference.checking.force import judge_force
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.checking.recorded_peak import judge_peaks
@@ -53,6 +53,8 @@ if TYPE_CHECKING:
 type Model = str | Path | Mapping[str, Any] | ModelSpecification
 # With so many impacts to look for spoilt recordings takes as long as the fit.
 _MANY = 5000
+# What is no warning, by its key in the diagnostics.
+_REMARKED = ("another_element", "clipped", "channels", "reference")
 
 
 def fit(
@@ -163,6 +165,8 @@ def fit_job(
     """
     specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C), questions=ask)
     resolved(specification)
+    if continue_from is not None:
+        specification = _with_the_element_of(continue_from, specification)
     if skip_short:
         dataset = without_short(dataset, specification, source)
     dataset, prepared = prepare_without_phantoms(dataset, specification, source=source)
@@ -298,10 +302,12 @@ class EarlierRun(NamedTuple):
     Attributes:
         end: where its chains ended.
         form: of a second fit with a discrepancy what the first said of the model's form, else nothing.
+        element: of one with another element why it has it, else nothing.
     """
 
     end: ChainEnd | None
     form: dict[str, Any]
+    element: dict[str, Any]
 
 
 def earlier_run(
@@ -328,7 +334,14 @@ def earlier_run(
     if problems:
         raise InputError(problems)
     second = "score_without" in record.get("discrepancy", {})
-    return EarlierRun(earlier.chain_end(), earlier.diagnostics["model_form"] if second else {})
+    form = earlier.diagnostics["model_form"] if second else {}
+    return EarlierRun(earlier.chain_end(), form, earlier.diagnostics.get("another_element", {}))
+
+
+def _with_the_element_of(run: Fit | str | Path, specification: ModelSpecification) -> ModelSpecification:
+    """The model with the element that an earlier run of it was led to."""
+    told = (run if isinstance(run, Fit) else read_run(run)).diagnostics.get("another_element", {})
+    return (another_element.stiffening_by(specification, told["formula"]) if told else None) or specification
 
 
 def _of_the_chains(model: dict[str, Any]) -> dict[str, Any]:
@@ -352,6 +365,7 @@ def fit_prepared(
 
     Where the residuals are plainly structured and the model file leaves it to the program, a second fit with
     a discrepancy follows, and is the one that is told; the first is not finished if its best fits show it.
+    Before that a stiffening spring is tried, where they are so at some levels of a factor alone.
     Chains go on from those of an ``earlier`` run of the same; if that was a second fit, so is this one.
     float64 must be set.
     """
@@ -359,7 +373,7 @@ def fit_prepared(
     say("summarising each trace", 0, 1)
     plain = _without_discrepancy(dataset, specification, prepared)
     expansions = expanded(plain)
-    prepared, analysis = _first_or_second(
+    specification, prepared, analysis = _first_or_second(
         dataset, specification, prepared, expansions, seed, say, checkpoints=checkpoints, earlier=earlier
     )
     points, flags = _points_and_flags(dataset, specification.signal, prepared.signal)
@@ -387,9 +401,10 @@ def _first_or_second(
     *,
     checkpoints: Path | None,
     earlier: EarlierRun | None,
-) -> tuple[Prepared, TraceAnalysis]:
-    """The fit as the model file has it, or that with a discrepancy, which it leads to; see `fit_prepared`."""
-    end, form = earlier or EarlierRun(None, {})
+) -> tuple[ModelSpecification, Prepared, TraceAnalysis]:
+    """The fit as the model file has it, or another that it leads to, with its model; see `fit_prepared`."""
+    end, form, told = earlier or EarlierRun(None, {}, {})
+    begun, took = runtime.Start(), ""
     alone, may_add = not prepared.model.discrepancy, specification.may_add_discrepancy
     if earlier is None and may_add and alone:
         form = model_form.misfit_precheck(prepared, expansions, seed) or {}
@@ -405,12 +420,53 @@ def _first_or_second(
         )
         form, end = first.diagnostics.get("model_form", {}), None
         if not (may_add and form.get("structured", False)):
-            return prepared, first
+            return specification, prepared, _with_element(first, told)
+        took = f", which took {max(begun.seconds, 1):.0f} s"
+        tried = _another_element(dataset, specification, prepared, form, seed, say, checkpoints, took)
+        if tried is not None:
+            return tried
+    if earlier is None:
+        words = "the traces obey another law than the model's: a second fit begins, with a discrepancy"
+        say(f"{words}; it may take several times as long as the first{took}", 1, 1)
     wider = with_discrepancy(dataset, specification, prepared)
-    second = _second_fit(wider, specification, seed, say, checkpoints, end)
+    second = _second_fit(wider, specification, seed, say, checkpoints, end, "a discrepancy")
     of_both = model_form.with_discrepancy(form, second.tree)
     of_both |= {"impacts": second.diagnostics.get("model_form", {}).get("impacts", {})}
-    return wider, replace(second, diagnostics=second.diagnostics | {"model_form": of_both})
+    diagnostics = second.diagnostics | {"model_form": of_both}
+    return specification, wider, replace(second, diagnostics=diagnostics)
+
+
+def _another_element(
+    dataset: Dataset,
+    specification: ModelSpecification,
+    prepared: Prepared,
+    form: dict[str, Any],
+    seed: int,
+    say: Say,
+    checkpoints: Path | None,
+    took: str,
+) -> tuple[ModelSpecification, Prepared, TraceAnalysis] | None:
+    """The fit of a spring that stiffens; None where nothing speaks for it, or it explains less."""
+    names = prepared.impacts["impact"].astype(str).to_numpy()
+    told = another_element.instead(form, names, prepared.design.recorded)
+    stiffens = another_element.stiffening_by(specification, told["formula"]) if told else None
+    if stiffens is None:
+        return None
+    say(f"a stiffening spring is tried, by {told['formula']}: a second fit, as long as the first{took}", 1, 1)
+    try:
+        of_spring = replace(prepare(dataset, stiffens, source="model"), reference=prepared.reference)
+    except InputError:
+        return None
+    second = _second_fit(of_spring, stiffens, seed, say, checkpoints, None, "a stiffening spring")
+    if not another_element.explains(second.diagnostics):
+        return None
+    return stiffens, of_spring, _with_element(second, told)
+
+
+def _with_element(analysis: TraceAnalysis, told: dict[str, Any]) -> TraceAnalysis:
+    """A fit, with why it has another element than the model file."""
+    diagnostics = analysis.diagnostics | ({"another_element": told} if told else {})
+    return replace(analysis, diagnostics=diagnostics)
 
 
 def _of_recordings(
@@ -450,7 +506,13 @@ def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) 
     if prepared.force:
         posterior, form = analysis.tree["posterior"].dataset, analysis.diagnostics["channels"]["form"]
         return judge_force(prepared.force, posterior, prepared.signal.mass, form)
-    return {"words": unused_channels(dataset.channels, prepared.force_unused)} if dataset.channels else {}
+    if not dataset.channels:
+        return {}
+    why = prepared.force_unused
+    first = sentence("force.first_unused", channel=dataset.channels[0].name, why=why)
+    # What two channels contradict each other in is said first; that a model has no place for one is not.
+    of_first = {"first": first} if isinstance(why, Coded) else {}
+    return of_first | {"words": unused_channels(dataset.channels, why)}
 
 
 def finished_fit(
@@ -519,14 +581,15 @@ def _second_fit(
     say: Say,
     checkpoints: Path | None,
     end: ChainEnd | None,
+    besides: str,
 ) -> TraceAnalysis:
     """The fit of ``prepared``, its stages told and its checkpoints kept apart from those of the first."""
-    parts = None if checkpoints is None else checkpoints / "discrepancy"
+    parts = None if checkpoints is None else checkpoints / besides.split()[-1]
     if parts is not None:
         parts.mkdir(exist_ok=True)
 
     def again(stage: str, done: int, total: int) -> None:
-        say(f"again with a discrepancy: {stage}", done, total)
+        say(f"again with {besides}: {stage}", done, total)
 
     return fit_traces(prepared, specification, seed, again, checkpoints=parts, end=end)
 
@@ -571,7 +634,7 @@ def _provenance(
 
 def _remarks(diagnostics: dict[str, Any]) -> list[str]:
     """What is not wrong, but should be known beside a verdict that passed."""
-    return [diagnostics[key]["words"] for key in ("clipped", "channels", "reference") if key in diagnostics]
+    return [diagnostics[key]["words"] for key in _REMARKED if key in diagnostics]
 
 
 def _kept_of_impacts(tree: xr.DataTree) -> dict[str, Any]:

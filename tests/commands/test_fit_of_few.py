@@ -163,10 +163,14 @@ def test_impacts_too_short_to_be_fitted_are_told_and_can_be_left_out(tmp_path: P
     rows = pd.DataFrame({"impact": ["long", "short"], "subject": "a", "trial": "x", "velocity_m_s": 1.5})
     rows = rows.assign(mass_kg=[4.0, 0.7])
     traces = []
+    # The short one bounces: of one blow alone the whole pulse would be enough, or could not be read.
     for name, mass in zip(rows["impact"], rows["mass_kg"], strict=True):
         omega_n, zeta = np.sqrt(3000 / mass), 25 / (2 * np.sqrt(3000 * mass))
         motion = impact_motion(np.maximum(time, 0), omega_n, zeta, 1.5)
         value = np.where(time >= 0, np.asarray(motion.deceleration), 0.0)
+        if name == "short":
+            value[time >= 0.02] = 0
+            value += np.roll(value, 10)
         traces.append(pd.DataFrame({"impact": name, "time_s": time, "value": value}))
     folder = written(tmp_path / "data", "deceleration", "m/s^2", rows, pd.concat(traces))
     check.run(folder, out=None, skip_bad=False, overwrite=False, quiet=False, as_json=False)

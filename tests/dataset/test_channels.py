@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import butter, lfilter
 
 import bayestissue as bt
 from bayestissue.checking import check
 from bayestissue.dataset import Recorder, read_dataset, write_dataset
 from bayestissue.dataset.write import settings_text
 from bayestissue.errors import InputError
-from dataset_bench import MASSES, NAMES, RATE, SETTINGS, Outcome, tables
+from dataset_bench import MASSES, NAMES, RATE, SETTINGS, Outcome, deceleration, tables
 
 TIP, RATIO = 0.1, 1.1
 CELL = {
@@ -179,6 +180,67 @@ def test_a_force_that_is_late_is_said_to_be(tmp_path: Path) -> None:
     assert found.force.lags
     assert found.force.common_lag[0] == pytest.approx(0.0004, rel=0.1)
     assert "ms behind the deceleration" in found.force.words
+
+
+SIZES = np.array([1.0, 1.2, 0.8, 1.0, 1.2, 0.8, 1.0, 1.2])
+HALF = np.array([0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 1.5, 1.5])
+TIME = np.arange(600) / RATE - 0.01
+
+
+def eight(
+    change: Callable[[np.ndarray, np.ndarray], np.ndarray], late_s: float = 0.0, **said: Any
+) -> bt.Dataset:
+    """Eight impacts with three masses, and of their forces [impact, sample] what ``change`` makes of them."""
+    random = np.random.default_rng(3)
+    slowing = np.array([deceleration(mass, size)[1] for mass, size in zip(HALF, SIZES, strict=True)])
+    slowing = np.pad(slowing, ((0, 0), (50, 150))) + random.normal(0, 0.05, (8, 600))
+    forces = change(HALF[:, None] * slowing, slowing) + random.normal(0, 0.05, slowing.shape)
+    names = [f"i{number}" for number in range(8)]
+    rows = {"impact": names, "subject": "s", "mass_kg": HALF, "velocity_m_s": SIZES}
+    traces = {name: (TIME, each) for name, each in zip(names, slowing, strict=True)}
+    cell = {"quantity": "force", "place": "impactor", "unit": "N", "relative_gain_sd": 0.02}
+    cell["traces"] = {name: (TIME + late_s, each) for name, each in zip(names, forces, strict=True)}
+    return bt.dataset(rows, traces, quantity="deceleration", unit="m/s^2", channels={"cell": cell | said})
+
+
+def filtered(corner: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    return lambda force, _: lfilter(*butter(2, 2 * corner / RATE), force, axis=1)
+
+
+@pytest.mark.parametrize(
+    ("change", "late_s", "value"),
+    [
+        (lambda force, slowing: np.roll(force, 1, axis=0), 0.0, "each known to"),
+        (lambda force, slowing: slowing, 0.0, "0.667 to 2, each known to"),
+        (lambda force, slowing: force * np.where(HALF == 1.0, 1.1, 1.0)[:, None], 0.0, "i3, i4, i5 apart"),
+        (lambda force, _: force, 0.001, "1 ms behind the deceleration: correct time_offset_s by -0.001 s"),
+        (lambda force, _: force, -0.001, "1 ms ahead of the deceleration: correct time_offset_s by 0.001 s"),
+        (lambda force, _: force, 0.004, "4 ms behind the deceleration: correct time_offset_s by -0.004 s"),
+        (lambda force, _: force, -0.004, "4 ms ahead of the deceleration: correct time_offset_s by 0.004 s"),
+        (filtered(300.0), 0.0, "it went through a low-pass of"),
+        (lambda force, _: force + 600 * (TIME + 0.01), 0.0, "it drifts while it acts"),
+        (lambda force, _: force - 30 * np.cumsum(force, axis=1) / RATE, 0.0, "it drifts while it acts"),
+    ],
+    ids=["neighbour", "copy", "gain", "1 ms", "-1 ms", "4 ms", "-4 ms", "filtered", "drift", "charge"],
+)
+def test_check_names_what_is_wrong_with_an_impossible_force(
+    change: Callable[[np.ndarray, np.ndarray], np.ndarray], late_s: float, value: str
+) -> None:
+    found = check(eight(change, late_s))
+    told = [str(problem) for problem in found.warnings if problem.code == "channels-disagree"]
+    assert any(value in words for words in told)
+    assert found.verdict != "fine"
+    assert not any("correct time_offset_s" in words for words in told) or "time_offset_s" in value
+
+
+@pytest.mark.parametrize("place", ["impactor", "base"])
+def test_check_calls_a_possible_force_fine(place: str) -> None:
+    def on_tissue(force: np.ndarray, slowing: np.ndarray) -> np.ndarray:
+        """That moves along, 0.1 kg of it, which a force below it shows."""
+        return force + 0.1 * slowing * (place == "base")
+
+    found = check(eight(on_tissue, place=place, relative_gain_sd=0.1))
+    assert not [problem for problem in found.warnings if problem.code == "channels-disagree"]
 
 
 def test_the_command_and_its_page_show_both(tmp_path: Path, command: Callable[..., Outcome]) -> None:

@@ -13,6 +13,7 @@ from bayestissue.dataset.formats import Channel
 from bayestissue.dataset.recorders import contents_of, read_recording
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.errors import InputError
+from bayestissue.intake.folder import look
 from recorder_files import lvm
 
 STEP = 1e-4
@@ -208,3 +209,45 @@ def test_labview_numbers_without_a_header_are_a_table(decimal: str, tmp_path: Pa
     np.testing.assert_array_equal(found.value, VALUES[0])
     np.testing.assert_allclose(found.time, TIME, rtol=0, atol=1e-12)
     assert list(contents_of(tmp_path / "a.lvm", "a.lvm").channels) == ["column 1", "column 2"]
+
+
+def lines_of(name: str, time: np.ndarray, value: np.ndarray) -> list[str]:
+    """A text of another ending than a text has."""
+    pairs = list(zip(time, value, strict=True))
+    if name == "a.133":
+        stated = ["Sampling interval :0.0001", f"Number of samples :{len(time)}", "Unit :m/(s*s)"]
+        return [*stated, *(f"{a:.6E}" for a in value)]
+    if name == "a.d":
+        return ["# run 3", "time acc", *(f"{t:.6f} {a:.6f}" for t, a in pairs)]
+    if name == "a.mot":
+        head = ["drop", "version=1", f"nRows={len(time)}", "nColumns=2", "inDegrees=no", "endheader"]
+        return [*head, "time\tacc", *(f"{t:.6f}\t{a:.6f}" for t, a in pairs)]
+    about = ["PathFileType\t4\t(X/Y/Z)\ta.trc", "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits"]
+    about += ["1000\t1000\t200\t2\tmm", "Frame#\tTime\tM1\t\t\tM2\t\t", "\t\tX1\tY1\tZ1\tX2\tY2\tZ2", ""]
+    return [*about, *(f"{i}\t{t:.6f}\t0\t{a:.6f}\t0\t1\t2\t3" for i, (t, a) in enumerate(pairs, 1))]
+
+
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    [("a.133", None), ("a.d", ("time", "acc")), ("a.mot", ("time", "acc")), ("a.trc", ("Time", "M1.Y1"))],
+)
+def test_a_text_is_read_whatever_it_is_called(
+    name: str, columns: tuple[str, str] | None, tmp_path: Path
+) -> None:
+    time, value = np.arange(200) / 1000, np.sin(np.arange(200) / 10)
+    (tmp_path / name).write_text("\n".join(lines_of(name, time, value)) + "\n")
+    channels = contents_of(tmp_path / name, name).channels
+    own = columns or (None, next(iter(channels)))
+    np.testing.assert_allclose(channels[own[1]].values, value, atol=1e-6)
+    if columns:
+        np.testing.assert_allclose(channels[columns[0]].values, time, atol=1e-6)
+        chosen = signal(time_column=columns[0], value_column=columns[1])
+        np.testing.assert_allclose(read_recording(tmp_path / name, name, chosen).time, time, atol=1e-6)
+    assert [file.name for file in look(tmp_path).files] == [name]
+
+
+@pytest.mark.parametrize("content", [b"# notes\nof the day\n" * 20, b"1 2\n3 4\n" * 20 + b"\0", b""])
+def test_what_is_no_text_of_numbers_is_not_read_as_one(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "a.d").write_bytes(content)
+    with pytest.raises(InputError, match="ending in"):
+        contents_of(tmp_path / "a.d", "a.d")

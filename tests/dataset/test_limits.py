@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
 import bayestissue as bt
+from bayestissue.dataset import write_dataset
 from bayestissue.errors import InputError
 
 TIME = np.arange(0, 0.06, 5e-4)
@@ -75,3 +78,34 @@ def test_models_that_have_no_place_for_it_say_so() -> None:
     assert "2 of these" in str(problem)
     with pytest.raises(InputError, match="i0 the first"):
         bt.estimate(clipped, method="dds")
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("table", ["files", "long"])
+def test_what_a_recorder_writes_as_infinite_is_at_its_limit(table: str, sign: int, tmp_path: Path) -> None:
+    cut = [np.minimum(force(row), 60.0 + row) for row in range(3)]
+    infinite = "∞" if sign > 0 else "-∞"
+
+    def lines(row: int, before: str = "") -> list[str]:
+        values = [infinite if value == 60.0 + row else f"{sign * value:.6f}" for value in cut[row]]
+        return [f"{before}{1e3 * t:.6f},{value}" for t, value in zip(TIME, values, strict=True)]
+
+    rows = {"impact": [f"i{row}" for row in range(3)], "subject": "s", "mass_kg": 0.5, "velocity_m_s": 1.5}
+    quantity = "deceleration" if sign > 0 else "acceleration"
+    signal = {"quantity": quantity, "unit": "m/s^2", "time_unit": "ms"}
+    signal |= {"time_column": "Time", "value_column": "Channel A"}
+    settings, impacts = {"name": "scope", "signal": signal}, pd.DataFrame(rows)
+    head = "Time,Channel A\n(ms),(V)\n\n"
+    if table == "files":
+        impacts["trace"] = [f"i{row}.csv" for row in range(3)]
+    write_dataset(tmp_path, settings=settings, impacts=impacts)
+    for row in range(3):
+        (tmp_path / f"i{row}.csv").write_text(head + "\n".join(lines(row)) + "\n", encoding="utf-8")
+    if table == "long":
+        every = [line for row in range(3) for line in lines(row, f"i{row},")]
+        (tmp_path / "traces.csv").write_text("\n".join(["impact,Time,Channel A", *every]), encoding="utf-8")
+    data = bt.read_dataset(tmp_path)
+    for row, trace in enumerate(data.traces):
+        at = cut[row] == 60.0 + row
+        np.testing.assert_array_equal(trace.clipped, sign * at)
+        assert (trace.value[at] == sign * np.max(sign * trace.value[~at])).all()

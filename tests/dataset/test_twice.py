@@ -56,11 +56,13 @@ def test_a_recording_under_two_impacts_is_named(lab: Lab) -> None:
     assert "the same samples as impact a" in found
 
 
-def recorded(values: list[np.ndarray]) -> Samples:
+def recorded(values: list[np.ndarray], every: dict[int, int] | None = None) -> Samples:
+    """Recordings at one rate, but for those that have one of so many samples."""
     start = np.cumsum([0, *map(len, values)])
     numbers = np.arange(len(values))
-    files, time = ["f"] * len(values), np.zeros(start[-1])
-    return Samples(time, np.concatenate(values), start, numbers, files, time.astype(int))
+    files = ["f"] * len(values)
+    time = np.concatenate([1e-4 * (every or {}).get(i, 1) * np.arange(len(v)) for i, v in enumerate(values)])
+    return Samples(time, np.concatenate(values), start, numbers, files, np.zeros(start[-1], int))
 
 
 def repeats(noise: float, rate: float, count: int = 60) -> list[np.ndarray]:
@@ -103,8 +105,22 @@ def test_a_recording_exported_anew_is_named(lab: Lab) -> None:
     traces.loc[mine, "value"] = (1.0001 * traces.loc[other, "value"].to_numpy()).round(3)
     traces.to_csv(lab.path("traces.csv"), index=False)
     (found,) = warned(lab)
-    assert "with other digits, beginning or gain, the recording of impact a" in found
+    assert "with other digits, beginning, gain or rate, the recording of impact a" in found
 
 
 def test_a_sound_dataset_has_nothing_twice(lab: Lab) -> None:
     assert warned(lab) == []
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-2])
+@pytest.mark.parametrize(("every", "begin"), [(2, 0), (2, 1), (5, 3), (10, 0)])
+def test_a_copy_with_samples_left_out_is_known_again_and_repeats_are_not(
+    noise: float, every: int, begin: int
+) -> None:
+    """The repeats at the lower rate are others, of the same machine."""
+    values = repeats(noise, 10_000.0)
+    lower = [value[::every] for value in values[30:]]
+    rates = dict.fromkeys(range(30, 61), every)
+    assert list(twins(recorded([*values[:30], *lower], rates))) == []
+    copied = 1.003 * values[7][begin::every] + 0.2
+    assert list(twins(recorded([*values[:30], *lower, copied], rates))) == [(60, 7, False)]

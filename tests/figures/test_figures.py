@@ -66,7 +66,7 @@ def test_a_persons_line_goes_from_side_to_side(run) -> None:
 
 def test_repeats_are_pairs_of_one_person(run) -> None:
     pairs = figures.repeats(run, "K")
-    values = run.estimates_dds.set_index("impact")["K_N_per_m"]
+    values = run.impacts_table.set_index("impact")["K_N_per_m"]
     # Three impacts of four people, none of them in one condition twice.
     assert len(pairs) == 4 * 2
     for row in pairs.itertuples():

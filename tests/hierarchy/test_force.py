@@ -161,7 +161,7 @@ def test_a_force_that_lags_is_not_used(heavier: Dataset) -> None:
     late = [replace(trace, time_s=trace.time_s + 0.002) for trace in channel.traces]
     ready = prepared(replace(heavier, channels=(replace(channel, traces=late),)))
     assert ready.force is None
-    assert "2 ms off" in ready.force_unused
+    assert "2 ms behind the deceleration: correct time_offset_s by -0.002 s" in ready.force_unused
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +186,7 @@ def test_a_force_behind_a_low_pass_of_its_own_is_used(smooth: Dataset) -> None:
     assert ready.force.comparison.ratio == pytest.approx(1, rel=0.03)
     assert not ready.force.comparison.lags
     undeclared = replace(smooth, channels=(replace(smooth.channels[0], recorder=None),))
-    assert "off: correct time_offset_s" in prepared(undeclared).force_unused
+    assert "it went through a low-pass of some 4" in prepared(undeclared).force_unused
 
 
 def test_without_a_channel_nothing_of_it_is_there() -> None:
@@ -221,6 +221,24 @@ def test_the_verdict_names_the_size(heavier: Dataset, mass_sd: float, passed: bo
     assert account["slope"] == 0
     assert account["passed"] is passed
     assert words in headline({"passed": True, "channels": account})
+
+
+def test_ratios_that_differ_by_many_of_their_errors_are_said_first(heavier: Dataset) -> None:
+    (channel,) = heavier.channels
+    high = [
+        replace(trace, value=trace.value * (1.1 if i < 5 else 1)) for i, trace in enumerate(channel.traces)
+    ]
+    force = of_force(replace(heavier, channels=(replace(channel, traces=high),)))
+    assert force.comparison.apart.sum() == 5
+    a = 0.03 + 0.001 * np.random.default_rng(0).standard_normal((4, 500))
+    declared = heavier.impacts["mass_kg"].to_numpy()
+    parts = {"log_force_ratio_mean": (("chain", "draw"), a), "mass_factor": (("chain", "draw"), np.exp(a))}
+    mass = np.ones((4, 500, 1)) * declared
+    posterior = xr.Dataset(parts | {"mass": (("chain", "draw", "impact"), mass)})
+    account = judge_force(replace(force, mass_sd=0.1), posterior, declared, NOISE_ALONE)
+    assert not account["passed"]
+    assert "differs from impact to impact" in headline({"passed": True, "channels": account})
+    assert "each known to" in account["words"]
 
 
 def test_masses_that_lack_one_arm_are_not_off_by_one_factor(heavier: Dataset) -> None:

@@ -70,6 +70,14 @@ def test_another_impact_that_soon_follows_is_said(apart: float, seed: int) -> No
         assert len(cut(trace, separation_s=float(f"{found / 2:.1g}"))) == 2
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_flat_top_is_one_blow(seed: int) -> None:
+    """Which some of its samples alone lie more than twenty standard deviations of the noise above."""
+    value = np.random.default_rng(seed).normal(0, 3.0, 1500)
+    value[200:500] += np.interp(np.arange(300), [0, 20, 280, 300], [0, 80, 80, 0])
+    assert blow_again(Trace(np.arange(1500) / RATE, value)) is None
+
+
 def test_rebounds_and_swings_are_not() -> None:
     assert blow_again(recording([0.1], [100.0], 0.2)) is None
     assert blow_again(recording([0.1, 0.3], [100.0, 45.0], 0.2)) is None

@@ -247,6 +247,20 @@ def test_a_table_says_who_was_hit_in_whatever_case(tmp_path: Path, head: str, pe
         assert len({row["subject"] for row in intake.facts.of_file.values()}) == people
 
 
+def test_a_velocity_may_stand_beside_its_height_in_a_table_of_whatever_case(tmp_path: Path) -> None:
+    """The velocity is what counts; that the two contradict each other is told of the dataset, with both."""
+    lines = ["File,Subject,Mass_kg,Drop_height_cm,Velocity_m_s"]
+    for number, path in enumerate(sorted(RECORDED.iterdir())[:2]):
+        shutil.copyfile(path, tmp_path / f"rec_{number}.lvm")
+        lines.append(f"rec_{number}.lvm,p{number},1,{(12, 20)[number]},1.53414")
+    table = tmp_path / "facts.csv"
+    table.write_text("\n".join(lines))
+    intake = prepare(tmp_path, Choices(quantity="deceleration", table=table, gravity="drop"))
+    assert intake.questions == ()
+    rows = [(row["velocity_m_s"], row["drop_height_cm"]) for row in intake.facts.of_file.values()]
+    assert rows == [(1.53414, 12.0), (1.53414, 20.0)]
+
+
 def test_a_table_that_does_not_say_who_was_hit_leaves_it_to_the_names(tmp_path: Path) -> None:
     files = sorted(RECORDED.iterdir())
     table = tmp_path / "facts.csv"

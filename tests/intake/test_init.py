@@ -513,3 +513,30 @@ def test_as_many_impacts_as_the_table_has_rows(tmp_path: Path) -> None:
         InputError, match=r"found \"8 impacts\"; expected 5 impacts, as many as the table has"
     ):
         bt.init_dataset(recorded, tmp_path / "drops", **options, several=True)
+
+
+def test_where_contact_falls_is_asked_where_recordings_begin_there(tmp_path: Path) -> None:
+    """A note is all: nothing is refused that was taken before."""
+    (recorded := tmp_path / "recorded").mkdir()
+    for which in range(4):
+        time, value = trace(which)
+        write_csv(recorded / f"{name(which)}.csv", time[time >= 0], value[time >= 0])
+    said = ("init", recorded, "--quantity", "deceleration", "--pattern", PATTERN, *FACTS, "--overwrite")
+    asked = bayestissue(*said, "--out", tmp_path / "asked")
+    assert asked.status == 0
+    assert "by --contact on_sample, of a recorder that contact triggers" in asked.out
+    for contact in ("on_sample", "between"):
+        made = bayestissue(*said, "--out", out := tmp_path / contact, "--contact", contact)
+        assert "by --contact" not in made.out
+        assert bt.read_dataset(out).contact == contact
+
+
+def test_where_contact_falls_is_not_asked_of_recordings_that_tell(tmp_path: Path) -> None:
+    (recorded := tmp_path / "recorded").mkdir()
+    for which in range(len(DROPS)):
+        late = (which + 0.5) / len(DROPS) / RATE
+        time, value = deceleration(DROPS[which][2], VELOCITY, late)
+        write_csv(recorded / f"{name(which)}.csv", time - time[0], value)
+    said = ("init", recorded, "--quantity", "deceleration", "--pattern", PATTERN, *FACTS)
+    told = bayestissue(*said, "--out", tmp_path / "told")
+    assert "by --contact" not in told.out

@@ -17,7 +17,7 @@ from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
 from command_line import bayestissue
 from dataset_bench import deceleration
-from recorder_files import xlsx
+from recorder_files import Styled, xlsx
 
 RATE, VELOCITY = 2000.0, 1.2
 BEGIN = datetime(2020, 11, 11, 23, 59, 59, 950_000)
@@ -53,7 +53,7 @@ def test_times_of_day_are_seconds_since_the_first(how: str) -> None:
 
     time, _ = recording()
     cells = pa.array([*HOW[how](time), None, "late"])
-    found = seconds(cells)
+    found, _ = seconds(cells)
     assert found is not None
     # Rounding of seconds of a day, and of the six decimals.
     np.testing.assert_allclose(found[:-2], time, rtol=0, atol=1e-9)
@@ -148,6 +148,19 @@ def test_clock_times_of_a_workbook_are_seconds(tmp_path: Path) -> None:
     channels = contents_of(folder(tmp_path, table, "xlsx") / "s1.xlsx", "s1.xlsx").channels
     np.testing.assert_allclose(channels["Uhrzeit"].values, time, rtol=0, atol=1e-9)
     assert channels["Uhrzeit"].unit == "s"
+
+
+@pytest.mark.parametrize(
+    ("style", "begin", "within"), [(1, 0.4, 1e-8), (2, 45_000.4, 2e-6), (3, 0.0, 1e-9), (4, 0.0, 1e-9)]
+)
+def test_times_of_a_workbook_keep_all_their_digits(
+    style: int, begin: float, within: float, tmp_path: Path
+) -> None:
+    time, value = np.arange(200) / 12_800, np.sin(np.arange(200.0))
+    cells = [Styled(float(begin + t / 86_400), style) for t in time]
+    xlsx(tmp_path / "a.xlsx", [["Zeit", "a"], *map(list, zip(cells, value.tolist(), strict=True))])
+    channels = contents_of(tmp_path / "a.xlsx", "a.xlsx").channels
+    np.testing.assert_allclose(channels["Zeit"].values, time, rtol=0, atol=within)
 
 
 def test_a_time_that_stands_twice_is_refused_without_numpy_s_warnings(tmp_path: Path) -> None:

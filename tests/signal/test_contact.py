@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from impacts_bench import Impact, Recorded, record
+from impacts_bench import Impact, Lab, Recorded, record
 
 from bayestissue.signal import SignalOptions, displacements
-from bayestissue.signal.displacement import BEFORE
+from bayestissue.signal.contact import since_release
+from bayestissue.signal.displacement import BEFORE, NO_CONTACT, TOO_FEW
+from bayestissue.signal.quality import inspect, raised
+from bayestissue.signal.traces import stack
 
 PHASES = np.random.default_rng(3).uniform(size=40)
 
@@ -154,3 +159,41 @@ def test_great_noise_leaves_contact_in_its_bracket():
     late = made.contact_time_s + made.first_sample_s
     assert ((late >= 0) & (late <= 2 * made.bracket_s)).mean() > 0.95
     assert (2 * made.bracket_s <= BEFORE * made.dt).all()
+
+
+def held(lab: Lab, offset: float = 0.0, ring: float = 0.0) -> Lab:
+    """The same drops from a hand that holds the mass for 0.3 s, and lets it go 0.15 s before contact."""
+    random, traces = np.random.default_rng(2), []
+    for trace in lab.traces:
+        since = np.concatenate([np.arange(-2250, 0) / 5e3 + trace.time_s[0], trace.time_s]) + 0.15
+        value = 9.80665 * np.clip(1 - since / 0.002, 0, 1) + 0.1 * random.standard_normal(since.size)
+        value += ring * (since > 0) * np.exp(-since / 0.01) * np.sin(2000 * since)
+        value[2250:] += trace.value
+        traces.append(Recorded(since - 0.15, value + offset))
+    return replace(lab, traces=traces)
+
+
+@pytest.mark.parametrize(("offset", "ring"), [(0.0, 0.0), (3.0, 0.0), (-9.80665, 0.0), (0.0, 5.0)])
+@pytest.mark.parametrize("gravity", [0.0, 9.80665])
+def test_free_fall_after_a_held_mass_is_quiet(gravity, offset, ring):
+    lab = record([Impact(39.0, 0.26, gravity=gravity)] * 5, 5e3, before=0.0, after=0.05, phase=PHASES[:5])
+    dropped = held(lab, offset, ring)
+    made = displacements(dropped)
+    assert (made.flags, made.notes) == ([[]] * 5, [[]] * 5)
+    assert np.abs(made.contact_time_s).max() < 1 / 5e3
+    assert np.abs(made.offset - offset).max() < 0.1
+    assert raised(inspect(dropped), 5) == [[]] * 5
+
+
+def test_a_sound_recording_begins_where_it_began():
+    whole = stack(record([Impact(67.0, 0.28)] * 5, 5e3, before=0.3, noise=0.005, offset=5.0).traces)
+    assert since_release(whole) is whole
+
+
+def test_few_samples_behind_a_drift_are_no_contact():
+    lab = record([Impact(45.0, 0.28)], 200, before=0.1, after=0.2, noise=0.005)
+    trace = lab.traces[0]
+    drifts = replace(lab, traces=[Recorded(trace.time_s, trace.value + 40 * np.minimum(trace.time_s, 0))])
+    cut = displacements(drifts, SignalOptions(window=0.5))
+    assert cut.flags == [[NO_CONTACT]]
+    assert TOO_FEW in displacements(lab, SignalOptions(window=0.5)).flags[0]

@@ -11,7 +11,7 @@ from impacts_bench import Impact, Lab, Recorded, record
 import bayestissue as bt
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.signal import displacements
-from bayestissue.signal.phase import BETWEEN
+from bayestissue.signal.displacement import NOT_ON_SAMPLE
 
 RATE, NUMBER = 2e3, 30
 # K = 3000 N/m, C = 12 N s/m, M = 0.5 kg.
@@ -68,8 +68,9 @@ def test_contact_anywhere_is_told_to_be_anywhere():
 
 def test_one_recording_alone_tells_little():
     here = lab(0.0, noise=0.01, number=1)
-    assert displacements(moved(here, 0.0137)).phase == BETWEEN
-    # A clock that begins at contact is a reason to ask.
+    elsewhere = displacements(moved(here, 0.0137)).phase
+    assert elsewhere.kind == "undecided"
+    assert elsewhere.sd > 0.4
     made = displacements(here)
     assert made.phase.kind == "undecided"
     assert made.bracket_uniform[0]
@@ -90,7 +91,7 @@ def test_what_recordings_hardly_tell_is_estimated_of_all():
 def test_a_velocity_that_is_hardly_known_leaves_contact_open():
     # 1 % of the velocity moves contact by half an interval here, and by as much in every recording.
     unsure = replace(lab(0.0, noise=0.01), uncertainty=Uncertainty(velocity_sd_m_s=0.03))
-    assert displacements(moved(unsure, 0.0137)).phase.kind == "between"
+    assert displacements(moved(unsure, 0.0137)).phase.kind == "undecided"
     made = displacements(unsure).phase
     assert made.kind == "undecided"
     assert made.sd > 0.3
@@ -104,6 +105,26 @@ def test_what_is_declared_is_not_judged(zero):
     assert (between.kind, between.judged) == ("between", False)
     declared = displacements(replace(here, contact="on_sample")).phase
     assert (declared.kind, declared.judged) == ("before" if zero else "first", False)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.002])
+def test_contact_that_is_declared_to_be_at_a_sample_and_is_not_is_contradicted(noise: float) -> None:
+    anywhere = lab(np.random.default_rng(4).uniform(size=NUMBER), noise=noise)
+    made = displacements(replace(anywhere, contact="on_sample"))
+    assert made.phase.known
+    assert made.phase.words.endswith("as declared: the recordings contradict it")
+    assert all(NOT_ON_SAMPLE in notes for notes in made.notes)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("noise", "faster"), [(0.001, 1.0), (0.01, 1.0), (0.001, 1.01)])
+def test_contact_at_a_sample_is_not_contradicted(noise: float, faster: float, seed: int) -> None:
+    """Nor where the velocity is one that nobody knows of: it moves contact in all impacts alike."""
+    at_sample = replace(lab(0.0, noise=noise, seed=seed), contact="on_sample")
+    impacts = at_sample.impacts.assign(velocity_m_s=faster * TISSUE.velocity)
+    made = displacements(replace(at_sample, impacts=impacts))
+    assert not made.phase.contradicted
+    assert not any(NOT_ON_SAMPLE in notes for notes in made.notes)
 
 
 def test_an_impact_by_itself_has_the_place_of_contact_as_a_parameter() -> None:

@@ -1,6 +1,7 @@
 """Pages of the reference that the program itself writes, so that they say what it does.
 
-A page says where: ``<!-- from the program: commands -->`` is replaced by Markdown when the page is read.
+A page says where: the line ``*Here `make docs` writes, from the program: commands.*`` is replaced by Markdown
+when the page is read, and tells whoever reads the page as it lies in the repository where the rest is.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "thesis recomputed": thesis.recomputed,
     "thesis causes": thesis.causes,
 }
-MARK = re.compile(r"^<!-- from the program: (.+) -->$", flags=re.MULTILINE)
+MARK = re.compile(r"^\*Here `make docs` writes, from the program: (.+)\.\*$", flags=re.MULTILINE)
 
 
 def fill(app: Sphinx, page: str, source: list[str]) -> None:

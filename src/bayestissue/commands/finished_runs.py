@@ -106,7 +106,10 @@ def predict(
     output = _Output(out, overwrite, quiet, as_json)
 
     def predicted(fit: Fit) -> pd.DataFrame:
-        return fit.predict(at, draws=draws, overwrite=overwrite)
+        from bayestissue.commands.console import Stages
+
+        with Stages(quiet=quiet) as say:
+            return fit.predict(at, draws=draws, overwrite=overwrite, say=say)
 
     # A folder that is replaced, or is yet to be, must not hold the file.
     _answer("predict", "predictions", run, predicted, _print_predictions, output, at, draws)

@@ -44,6 +44,7 @@ def run(
     force: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE|none")] = None,
     gravity: Annotated[str | None, typer.Option(metavar="none|drop|M_S2")] = None,
     zero: Literal["free_fall", "rest"] | None = None,
+    contact: Literal["on_sample", "between"] | None = None,
     several: bool = False,
     threshold: Annotated[float, typer.Option(min=1)] = 20.0,
     separation_s: Annotated[float, typer.Option(min=0.001)] = 0.5,
@@ -92,11 +93,14 @@ def run(
         uncertainty: How well the measuring chain is known, as a standard deviation: mass and gain as a
             fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.
         force: An entry of the table [[channel]] of a force beside the motion: value_column, place
-            (impactor or base), unit, scale, tip_mass_kg, relative_gain_sd, time_offset_s; may be repeated.
-            The only channel with a unit of force is taken unless given; none leaves it out.
+            (impactor or base), unit, scale, tip_mass_kg, relative_gain_sd, time_column, time_offset_s; may be
+            repeated. The only channel with a unit of force is taken unless given; none leaves it out.
         gravity: The part of gravity along the motion: none (a pendulum at its lowest point), drop (straight
             down), or a number of m/s², positive into the tissue. Asked for where a drop height is given.
         zero: Where an accelerometer read 0; in free fall unless stated.
+        contact: Where contact falls: on a sample, of a recorder that contact triggers and of recordings cut
+            there, or between two, of one that samples at its own pace. All recordings together tell unless
+            given.
         several: Cut several impacts in one recording apart.
         threshold: Standard deviations of the noise an impact rises above.
         separation_s: The least time between two impacts, s.
@@ -107,7 +111,7 @@ def run(
 
     choices = Choices(
         channel=channel, quantity=quantity, unit=unit, time=time, time_unit=time_unit, rate_hz=rate_hz,
-        scale=scale, offset=offset, crop=crop, pattern=pattern, table=table, zero=zero,
+        scale=scale, offset=offset, crop=crop, pattern=pattern, table=table, zero=zero, contact=contact,
         gravity=_gravity(gravity),
         shared=_facts(shared or []),
         recorder=_entries(recorder or [], "--recorder", "sae_class=180"),

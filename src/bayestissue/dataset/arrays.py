@@ -19,6 +19,7 @@ from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
 from bayestissue.dataset.channels import on_first_clock
 from bayestissue.dataset.impacts import impact_table, wanted
 from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset.own_clock import with_own_clock
 from bayestissue.dataset.read import checked_dataset
 from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
@@ -234,8 +235,11 @@ def _further(
     if channel_traces is None and not isinstance(traces, pd.DataFrame):
         raise InputError.stated("array-shape.channel", _SINGLE, value="no traces", name=channel.name)
     if channel_traces is None:
-        reading = long_reading(*_columns(traces, impacts, signal), impacts, signal)
-        return on_first_clock(reading, channel)
+        label, _, rows = _columns(traces, impacts, signal)
+        columns, signal = with_own_clock(
+            lambda optional=(): _columns(traces, impacts, signal, optional)[1], signal, first, label
+        )
+        return on_first_clock(long_reading(label, columns, rows, impacts, signal), channel)
     suffix = f" of the channel {channel.name}"
     try:
         label, columns, rows = _columns(channel_traces, impacts, signal)
@@ -277,17 +281,25 @@ def plain_text(value: Any) -> str:
     return str(value).strip()
 
 
-def _columns(traces: Any, impacts: list[str], signal: SignalSettings) -> tuple[str, Columns, np.ndarray]:
-    """What messages call the recordings, all samples under one another, and their rows."""
+def _columns(
+    traces: Any, impacts: list[str], signal: SignalSettings, optional: Sequence[str] = ()
+) -> tuple[str, Columns, np.ndarray]:
+    """What messages call the recordings, all samples under one another, and their rows.
+
+    Those ``optional`` columns of a table are added that hold numbers.
+    """
     columns = (signal.time_column, signal.value_column)
     if isinstance(traces, pd.DataFrame):
         refuse(column_problems(_LONG, [str(name) for name in traces], ["impact", *columns]))
         codes, names = pd.factorize(traces["impact"], use_na_sentinel=False)
         labels = Labels.distinct(codes, map(plain_text, names))
-        numbers = {name: _numbers(traces[name], _LONG, name, None) for name in columns}
+        able = traces.select_dtypes("number").columns.tolist()
+        further = [name for name in optional if able.count(name) == 1]
+        numbers = {name: _numbers(traces[name], _LONG, name, None) for name in {*columns, *further}}
         if not len(codes):
             raise InputError.stated("no-rows.samples", _LONG, value="no rows")
-        return _LONG, Columns(numbers, {"impact": labels}), np.arange(len(codes)) + FIRST_ROW
+        all_names = tuple(map(str, traces))
+        return _LONG, Columns(numbers, {"impact": labels}, names=all_names), np.arange(len(codes)) + FIRST_ROW
     if isinstance(traces, Mapping):
         named = [(plain_text(name), trace) for name, trace in traces.items()]
     elif isinstance(traces, Sequence) and not isinstance(traces, str) and len(traces) == len(impacts):

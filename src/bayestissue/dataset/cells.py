@@ -24,14 +24,11 @@ from bayestissue.results.tables import as_written
 
 FILE = "impacts.csv"
 
-# The columns that a table of impacts is read by, by their names in small letters.
-_STANDARD = {
-    name.casefold(): name
-    for name in (
-        *declared(__package__, "columns.toml"),
-        *("drop_height_m", "drop_height_cm", "drop_height_mm"),
-    )
-}
+# The columns that a table of impacts is read by.
+_STANDARD = (
+    *declared(__package__, "columns.toml"),
+    *("drop_height_m", "drop_height_cm", "drop_height_mm"),
+)
 # What the column "subject" may be called, in small letters.
 _SUBJECTS = (
     *("patient", "participant", "person", "proband"),
@@ -50,12 +47,14 @@ def with_subject(names: Sequence[str]) -> list[str]:
 
 def standard_names(names: Sequence[str]) -> list[str]:
     """Names of columns of `impacts.csv`, those of a standard column as it is written, in whatever case."""
-    named = with_subject(names)
-    count = Counter(name.casefold() for name in named)
-    return [
-        _STANDARD[small] if count[small := name.casefold()] == 1 and small in _STANDARD else name
-        for name in named
-    ]
+    return in_case_of(_STANDARD, with_subject(names))
+
+
+def in_case_of(standard: Iterable[str], names: Sequence[str]) -> list[str]:
+    """Names, each of which differs from a standard one in case alone as that one; of several none."""
+    known, small = {name.casefold(): name for name in standard}, [name.casefold() for name in names]
+    pairs = zip(names, small, strict=True)
+    return [known.get(one, name) if small.count(one) == 1 else name for name, one in pairs]
 
 
 def alike(name: str, names: Iterable[str]) -> str:

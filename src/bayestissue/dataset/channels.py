@@ -12,7 +12,7 @@ from jaxtyping import Float64
 
 from bayestissue.dataset.checks import check_samples
 from bayestissue.dataset.impacts import ImpactTable
-from bayestissue.dataset.limits import at_limit
+from bayestissue.dataset.limits import with_limits
 from bayestissue.dataset.model import Channel, Trace
 from bayestissue.dataset.recordings import (
     MIN_SAMPLES,
@@ -42,9 +42,10 @@ def read_channels(folder: Path, table: ImpactTable, settings: Settings) -> list[
     def read(channel: ChannelSettings) -> Reading:
         signal = channel.as_signal(settings.signal)
         if channel.file is None and "trace" in table.table:
-            reading = read_files(folder, table.table, table.row, signal)
+            reading = read_files(folder, table.table, table.row, signal, settings.signal)
         else:
-            reading = read_long(folder, table.table["impact"].tolist(), signal, channel.file)
+            beside = settings.signal if channel.file is None else None
+            reading = read_long(folder, table.table["impact"].tolist(), signal, channel.file, beside)
         return on_first_clock(reading, channel)
 
     return all_of(read, settings.channel)
@@ -76,9 +77,7 @@ def checked_channel(
         first: the first channel, of impacts with nothing wrong so far.
     """
     samples, problems = crop(reading.samples, Windows.stated(impacts, signal), impacts["impact"].tolist())
-    clipped = at_limit(samples, channel.quantity, channel.as_signal(signal).limits_si)
-    if clipped.any():
-        samples = replace(samples, clipped=clipped)
+    samples = with_limits(samples, channel.quantity, channel.as_signal(signal).limits_si)
     recordings = Recordings.with_impacts(samples, impacts, first.quantity, first.uncertainty)
     if channel.file is not None:
         # The rate that impacts.csv states is the first channel's.

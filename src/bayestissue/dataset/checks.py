@@ -134,7 +134,12 @@ def _movement_problems(recordings: Recordings, moving: Motion) -> Iterator[Probl
     """
     dead, narrow = moving.high == moving.low, (moving.pulse < MIN_SAMPLES) & (moving.high > moving.low)
     yield from recordings.where(dead, "constant-signal", "{:g} in every sample", moving.high)
-    yield from recordings.where(narrow, "narrow-peak", "{} samples", moving.pulse, least=MIN_SAMPLES)
+    # Of what drifts or is turned around, it is no matter of the sampling rate.
+    below = np.abs(recordings.samples.value[moving.peak]) < moving.farthest
+    words = "{} samples"
+    yield from recordings.where(narrow & ~below, "narrow-peak.few", words, moving.pulse, least=MIN_SAMPLES)
+    words = "{:.4g} m/s² at the farthest"
+    yield from recordings.where(narrow & below, "narrow-peak.below", words, -moving.farthest)
     yield from _clipped(recordings, moving)
     yield from _impossible_low_pass(recordings, moving)
     yield from (_depths if recordings.quantity == "displacement" else _speeds)(recordings, moving)
@@ -254,7 +259,9 @@ def _same_recordings(recordings: Recordings) -> Iterator[Problem]:
     where the stated mass or velocity differs.
     """
     for which, earlier, exact in twins(recordings.samples):
-        how = "the same samples as" if exact else "with other digits, beginning or gain, the recording of"
+        how = (
+            "the same samples as" if exact else "with other digits, beginning, gain or rate, the recording of"
+        )
         yield recordings.problem("recording-twice", which, f"{how} impact {recordings.name[earlier]}")
 
 

@@ -13,11 +13,11 @@ _CELL = (
     r"(?:(?P<h>\d{1,2}):)?(?P<m>\d{1,2}):(?P<s>\d{1,2}(?:[.,]\d*)?)"
     r"\s*(?P<half>[AaPp][Mm])?\s*(?:Z|UTC|[+-]\d{2}:?\d{2})?\s*$"
 )
-_DAY_S, _HOUR_S = 86_400.0, 3_600.0
+DAY_S, _HOUR_S = 86_400, 3_600.0
 
 
-def seconds(cells: pa.Array) -> Float64[np.ndarray, " row"] | None:
-    """The time of each cell since the first one, s; not a number where a cell holds none.
+def seconds(cells: pa.Array) -> tuple[Float64[np.ndarray, " row"], float] | None:
+    """The time of each cell since the first one, s, and of the first one; not a number where a cell has none.
 
     A new day is where the time of day runs back, not where the date changes, which countries write in other
     orders; a new hour likewise where only minutes and seconds stand there.
@@ -39,7 +39,7 @@ def seconds(cells: pa.Array) -> Float64[np.ndarray, " row"] | None:
     # Twelve o'clock is the hour 0 of each half.
     hour = np.where(np.isin(half, ["am", "pm"]), hour % 12 + 12 * (half == "pm"), hour)
     time = (_HOUR_S * hour if has_hours else 0.0) + 60 * minute + second
-    return _unwrapped(time, _DAY_S if has_hours else _HOUR_S)
+    return _unwrapped(time, DAY_S if has_hours else _HOUR_S)
 
 
 def _numbers(cells: pa.Array) -> np.ndarray:
@@ -48,8 +48,9 @@ def _numbers(cells: pa.Array) -> np.ndarray:
     return plain.cast(pa.float64()).to_numpy(zero_copy_only=False).astype(np.float64)
 
 
-def _unwrapped(time: np.ndarray, period: float) -> np.ndarray:
+def _unwrapped(time: np.ndarray, period: float) -> tuple[np.ndarray, float]:
     known = np.flatnonzero(np.isfinite(time))
+    first = float(time[known[0]])
     turns = np.cumsum(np.diff(time[known], prepend=time[known[:1]]) < -period / 2)
-    time[known] += period * turns - time[known[0]]
-    return time
+    time[known] += period * turns - first
+    return time, first

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice, takewhile
+from itertools import islice, takewhile, zip_longest
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
@@ -55,6 +55,7 @@ _FURTHER_UNITS = frozenset([
     "V", "mV", "Volt", "Volts", "N", "kN", "lbf", "Nm", "N-m", "N.m", "N·m", "N*m", "kg", "Hz", "%", "°C",
     "Pa", "kPa", "MPa", "deg", "°", "deg/s", "°/s", "rad/s",
 ])  # fmt: skip
+_RUN = re.compile(r"\s(Run|Trial) ?#?\d+$|^(Run|Trial|Data Set) ?#?\d+: *", re.IGNORECASE)
 # What an oscilloscope calls the first time and the step, which stand in the first row or that of units.
 _CLOCK = ("start", "increment")
 
@@ -233,9 +234,24 @@ class _Lines:
     def names(self, wanted: Sequence[str], *, named: bool) -> _Record | None:
         """The record with the names of the columns; None where there is none."""
         usual = self._names_above_numbers(named=named)
-        hits = [len(set(wanted) & {*record.bare, *_by_place(record.bare)}) for record in self.records]
+        hits = [
+            len(set(wanted) & {*self.titles(record), *_by_place(self.titles(record))})
+            for record in self.records
+        ]
         best = [record for record, hit in zip(self.records, hits, strict=True) if hit == max(hits) > 0]
         return usual if not best or usual in best else best[0]
+
+    def titles(self, record: _Record) -> list[str]:
+        """The names in a record; of the coordinates of markers, whose names stand above, ``marker.X1``."""
+        number = self.records.index(record)
+        names, above = record.bare, self.records[number - 1].bare if number else []
+        if not names or names[0] or not above or not above[0]:
+            return names
+        titles, marker = [], ""
+        for name, title in zip_longest(names, above, fillvalue=""):
+            marker = title or marker
+            titles.append(f"{marker}.{name}" if name else title)
+        return titles
 
     def _names_above_numbers(self, *, named: bool) -> _Record | None:
         if named or not self.number_columns:
@@ -365,8 +381,9 @@ def text_table(
     body = memoryview(data)[sum(map(len, head.splitlines(keepends=True)[: first_row - 1])) :]
     cells = [record.cells for record in lines.records if record.row >= first_row]
     columns = [f"column {number}" for number in range(1, lines.width + 1)]
-    names = _fitted([name.strip() for name in header.cells] if header else columns, cells)
-    names = names if named else _by_place(names)
+    titles = lines.titles(header) if header else columns
+    names = _fitted(titles + [""] * (len(header.cells) - len(titles) if header else 0), cells)
+    names = names if named else _by_place(_without_run(names, wanted))
     decimal, unsure = _decimal(lines, body, first_row, [named and name in NAMES for name in names])
     if unsure and not (marks.decimal or marks.thousands):
         row, column, cell = unsure
@@ -397,6 +414,14 @@ def text_table(
 def is_clock(name: str) -> bool:
     """Whether a column of this name states the first time of a recording, or its step, in one cell."""
     return name.casefold() in _CLOCK
+
+
+def _without_run(names: list[str], wanted: Sequence[str]) -> list[str]:
+    """The names without ``Run #7`` where all have it: in another file they have another number."""
+    runs = {match[0] if (match := _RUN.search(name)) else "" for name in names if name}
+    if len(runs) != 1 or "" in runs or sum(map(bool, names)) < 2 or set(wanted) & set(names):
+        return names
+    return [_RUN.sub("", name).strip() for name in names]
 
 
 def _by_place(names: Sequence[str]) -> list[str]:

@@ -14,9 +14,10 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import datetime, time, timedelta
 from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bayestissue.errors import InputError
 
@@ -308,7 +309,9 @@ def sheet_text(data: bytes, label: str, sheet: str = "") -> tuple[str, bytes]:
             names = ", ".join(shown)
             raise InputError.stated("no-channel.sheet", label, value=sheet, names=names)
         for name in [sheet] if sheet else [*shown, *hidden]:
-            rows = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+            rows: list[list[Any]] = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+            if any(isinstance(cell, _TIMES) for row in rows for cell in row):
+                rows = _with_all_digits(rows, data, label, name)
             if any(cell != "" for row in rows for cell in row):
                 return name, _csv(rows)
     raise InputError.stated("no-rows.sheets", label, value="empty sheets")
@@ -334,6 +337,7 @@ def _opened(data: bytes, label: str) -> Iterator[CalamineWorkbook]:
         raise InputError.stated("damaged-file.workbook", label, value=error_line(error)) from error
 
 
+_TIMES = (datetime, time, timedelta)
 _ROW, _COLUMN = (
     re.compile(rb"\sr\s*=\s*[\"'][A-Za-z]*(\d+)[\"']"),
     re.compile(rb"\sr\s*=\s*[\"']([A-Za-z]+)\d"),
@@ -357,6 +361,32 @@ def _require_near(data: bytes, label: str) -> None:
 def _number_of(column: bytes) -> int:
     """Of the letters of a column, from 1 on: those of ``"AA"`` are 27."""
     return reduce(lambda number, letter: 26 * number + letter - 64, column, 0)
+
+
+def _with_all_digits(rows: list[list[Any]], data: bytes, label: str, name: str) -> list[list[Any]]:
+    """The rows with times as they are stored, of which the decoder keeps thousandths of a second.
+
+    Without styles no cell is a time, and each is the number of days that it is.
+    """
+    bare = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as packed, zipfile.ZipFile(bare, "w") as unpacked:
+        for member in packed.namelist():
+            if member != "xl/styles.xml":
+                unpacked.writestr(member, packed.read(member))
+    with _opened(bare.getvalue(), label) as book:
+        days = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+    return [list(map(_time_of, *pair)) for pair in zip(rows, days, strict=True)]
+
+
+def _time_of(cell: Any, days: object) -> Any:
+    if not isinstance(cell, _TIMES) or not isinstance(days, float | int):
+        return cell
+    lasts = isinstance(cell, timedelta)
+    seconds = 86_400 * (days if lasts else days % 1)
+    minutes, rest = divmod(seconds, 60)
+    clock = f"{int(minutes // 60):02}:{int(minutes % 60):02}:{rest:012.9f}"
+    whole = not lasts and abs(seconds - round(seconds)) < 1e-6
+    return cell if whole else f"{cell.date()} {clock}" if isinstance(cell, datetime) else clock
 
 
 def _csv(rows: Sequence[Sequence[object]]) -> bytes:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64, Int8
 
 from bayestissue.dataset.chain import ChannelQuantity, Quantity
 from bayestissue.dataset.recordings import Samples
+from bayestissue.dataset.tables import BEYOND_LIMIT
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,30 @@ class LimitSettings:
 
 
 LIMITS = LimitSettings()
+
+
+def with_limits(
+    samples: Samples, quantity: Quantity | ChannelQuantity, stated: tuple[float, float] | None = None
+) -> Samples:
+    """The recordings with what `at_limit` finds, and what a recorder itself wrote as beyond its range.
+
+    That has the greatest value of the recording on its side, or the one that was stated; arguments as of
+    `at_limit`.
+    """
+    said = [at for at, words in samples.text.items() if words.strip() in BEYOND_LIMIT]
+    at = np.array([i for i in said if np.isinf(samples.value[i])], int)
+    value = samples.value.copy()
+    for sign in (1, -1):
+        finite = np.where(np.isfinite(value), sign * value, -np.inf)
+        limits = np.maximum.reduceat(finite, samples.begin) if at.size else np.empty(0)
+        if stated is not None:
+            limits = np.maximum(limits, sign * stated[sign > 0])
+        mine = at[np.sign(samples.value[at]) == sign]
+        value[mine] = sign * limits[samples.owner[mine]]
+    found = replace(samples, value=value) if at.size else samples
+    clipped = at_limit(samples, quantity, stated)
+    clipped[at] = np.sign(samples.value[at])
+    return replace(found, clipped=clipped) if clipped.any() else found
 
 
 def at_limit(

@@ -18,7 +18,7 @@ from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import LeftOut, read_left_out
-from bayestissue.dataset.limits import at_limit
+from bayestissue.dataset.limits import with_limits
 from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import Reading, Recordings, Samples, Windows, crop
@@ -147,9 +147,7 @@ def checked_dataset(
     signal, impacts = settings.signal, table.table
     # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
     samples, outside = crop(reading.samples, Windows.stated(impacts, signal), impacts["impact"].tolist())
-    clipped = at_limit(samples, signal.quantity, signal.limits_si)
-    if clipped.any():
-        samples = replace(samples, clipped=clipped)
+    samples = with_limits(samples, signal.quantity, signal.limits_si)
     chain: dict[str, Any] = {
         "quantity": signal.quantity,
         "uncertainty": settings.uncertainty.values(),

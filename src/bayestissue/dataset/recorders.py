@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,14 +24,16 @@ from bayestissue.dataset.formats import (
     labview,
     unit_in_name,
 )
+from bayestissue.dataset.own_clock import clocks_among, own_clock, with_own_clock
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, Numbers, read_table
 from bayestissue.errors import InputError, Problem, refuse
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
 _TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
 SUFFIXES = (*TABLE_SUFFIXES, *FORMATS)
+_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,9 @@ class Recording:
     text: dict[int, str] = field(default_factory=dict)
 
 
-def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
+def read_recording(
+    path: Path, label: str, signal: SignalSettings, first: SignalSettings | None = None
+) -> Recording:
     """Read the recording of one impact.
 
     The channel ``signal.value_column`` holds the values; where that was left at its default, the only
@@ -63,17 +69,18 @@ def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
         path: the file; its suffix says the format.
         label: what to call it in a message.
         signal: the names of the channels.
+        first: those of the first channel, where this is a further one: see `own_clock`.
 
     Raises:
         InputError: the file is missing, damaged, of an unknown format, or lacks a channel.
     """
     if _is_table(path):
-        return _from_table(path, label, signal)
+        return _from_table(path, label, signal, first)
     contents = _contents(path, label)
     if contents.blocks:
-        value, first = f"{len(contents.blocks)} blocks", f"{label}#1"
-        raise InputError.stated("no-channel.blocks", label, value=value, first=first)
-    return _pick(contents, label, signal)
+        value, part = f"{len(contents.blocks)} blocks", f"{label}#1"
+        raise InputError.stated("no-channel.blocks", label, value=value, first=part)
+    return _pick(contents, label, signal, first)
 
 
 def suffix_of(path: Path) -> str:
@@ -105,15 +112,34 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
 
 
 def _is_table(path: Path) -> bool:
-    """Whether a file is a table of text or cells: by its name, and of LabVIEW's texts by how they begin."""
+    """Whether a file is a table of text or cells: by its name, else by how it begins."""
     suffix = suffix_of(path)
-    if suffix not in (*_TABLES, labview.SUFFIX):
+    if suffix in FORMATS and suffix != labview.SUFFIX:
         return False
-    begin = b""
-    with suppress(OSError, ValueError), of_part(path)[0].open("rb") as file:
-        begin = file.read(labview.HEADER)
+    begin = _begin(path)
     # Whoever reads a file that is not there, or empty, says so.
-    return not labview.is_measurement(begin) and (suffix != labview.SUFFIX or labview.is_headerless(begin))
+    if labview.is_measurement(begin):
+        return False
+    if suffix == labview.SUFFIX:
+        return labview.is_headerless(begin)
+    return suffix in _TABLES or is_text_of_numbers(path)
+
+
+def _begin(path: Path) -> bytes:
+    with suppress(OSError, ValueError), of_part(path)[0].open("rb") as file:
+        return file.read(labview.HEADER)
+    return b""
+
+
+def is_text_of_numbers(path: Path) -> bool:
+    """Whether a file of whatever ending is a text that goes on in lines of numbers."""
+    begin = _begin(path)
+    if b"\0" in begin or not begin.strip():
+        return False
+    lines = begin.splitlines()[:-1] or begin.splitlines()
+    cells = [cell for line in lines[len(lines) // 2 :] for cell in re.split(rb"[\s,;|]+", line) if cell]
+    numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in cells)
+    return len(lines) >= MIN_SAMPLES and numbers > 0.8 * len(cells)
 
 
 def _to_its_end(values: np.ndarray) -> np.ndarray:
@@ -133,7 +159,7 @@ def long_enough(channels: Mapping[str, Channel]) -> list[str]:
 
 def _contents(path: Path, label: str) -> Contents:
     suffix = suffix_of(path)
-    if suffix in _TABLES:
+    if suffix in _TABLES or (suffix not in FORMATS and labview.is_measurement(_begin(path))):
         suffix = labview.SUFFIX
     if suffix not in FORMATS:
         endings = ", ".join((*SUFFIXES, *TEXT_SUFFIXES))
@@ -162,11 +188,12 @@ def _contents(path: Path, label: str) -> Contents:
     return blocks[int(part) - 1]
 
 
-def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
+def _from_table(path: Path, label: str, signal: SignalSettings, first: SignalSettings | None) -> Recording:
     columns = {"numbers": [signal.time_column, signal.value_column]}
     if "time_column" not in signal.model_fields_set:
         columns = {"numbers": [signal.value_column], "optional": [signal.time_column]}
-    table = read_table(path, label, **columns, remedy=REMEDY, stated=signal)
+    read = partial(read_table, path, label, remedy=REMEDY, stated=signal)
+    table, signal = with_own_clock(partial(read, **columns), signal, first, label)
     value, time = table.numbers[signal.value_column], table.numbers.get(signal.time_column)
     return Recording(
         value.array,
@@ -177,7 +204,7 @@ def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
     )
 
 
-def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
+def _pick(contents: Contents, label: str, signal: SignalSettings, first: SignalSettings | None) -> Recording:
     problems, channels = [], contents.channels
     name = signal.value_column
     if name not in channels and "value_column" not in signal.model_fields_set:
@@ -189,13 +216,20 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
             problems.append(Problem.stated("no-channel.named", label, None, wanted, listed, setting=key))
     refuse(problems)
     value, time = channels[name], channels.get(signal.time_column)
+    if time is not None and first is not None:
+        clocks = {
+            key: Numbers(channels[key].values, unit=channels[key].unit)
+            for key in {*clocks_among([*channels]), first.time_column} & {*channels}
+        }
+        _, own = own_clock([*channels], clocks, signal, first, label)
+        time = Channel(own.array) if own else time
     count = value.values.size
     if count < MIN_SAMPLES and (others := long_enough(channels)):
         limits = {"least": MIN_SAMPLES, "others": ", ".join(others)}
         raise InputError.stated("no-channel.short", label, column=name, value=f"{count} samples", **limits)
     if time is not None and time.values.size != count:
         where = label, None, signal.time_column, time.values.size
-        raise InputError.stated("clock-and-channel", *where, channel=name, count=count)
+        raise InputError.stated("clock-and-channel.count", *where, channel=name, count=count)
     return Recording(
         value.values,
         None if time is None else time.values,

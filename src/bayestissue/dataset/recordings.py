@@ -185,6 +185,17 @@ class Samples:
         """For every sample which of the recordings it belongs to."""
         return np.repeat(np.arange(self.impact.size), self.count)
 
+    @property
+    def to_their_ends(self) -> Samples:
+        """Without rows behind the end of a recording, in which others of the table go on: they are empty."""
+        filled = np.isfinite(self.time) | np.isfinite(self.value)
+        filled[[at for at, words in self.text.items() if words.strip()]] = True
+        if filled.all():
+            return self
+        at = np.arange(filled.size)
+        last = np.maximum.reduceat(np.where(filled, at, -1), self.begin)[self.owner]
+        return self.at((at <= last) | (last < 0))
+
     def only(self, keep: np.ndarray) -> Samples:
         """The recordings for which ``keep`` (one truth value each) holds."""
         if keep.all():

@@ -254,6 +254,8 @@ class ChannelSettings(_Table):
         file: a long table of its own in the dataset's folder, such as force.csv; left out, its values stand
             beside those of the first channel, in the same table or files.
         value_column: the column, channel or variable with its values; value in a file of its own.
+        time_column: that with its times, where it is not the first channel's. Found if left out, where each
+            channel's values stand behind times of their own.
         scale: raw values are multiplied by it; not 0.
         offset: is added to them after that.
         limit: the sensor's range in that unit, as signal.limit; samples there are left out.
@@ -271,6 +273,7 @@ class ChannelSettings(_Table):
     unit: Name
     file: Annotated[Name, AfterValidator(_table_name)] | None = None
     value_column: Name | None = None
+    time_column: Name | None = None
     scale: Annotated[Finite, AfterValidator(_not_zero)] = 1.0
     offset: Finite = 0.0
     limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
@@ -297,6 +300,7 @@ class ChannelSettings(_Table):
             "offset": self.offset,
             "zero": "free_fall",
             "limit": self.limit,
+            **({"time_column": self.time_column} if self.time_column else {}),
         }
         return first.model_copy(update=overrides)
 

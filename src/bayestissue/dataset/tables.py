@@ -27,6 +27,8 @@ TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
 TEXT_SUFFIXES = (".txt", ".dat", ".asc")
 # The row of the first record below names in the first one, as a spreadsheet counts.
 FIRST_ROW = 2
+# How recorders write what is beyond their range.
+BEYOND_LIMIT = {"∞": np.inf, "+∞": np.inf, "-∞": -np.inf}
 
 
 @dataclass(frozen=True)
@@ -34,16 +36,18 @@ class Numbers:
     """A column of numbers; ``text`` keeps what stood in the cells that held something else.
 
     Attributes:
-        array: not a number (nan) where the cell was empty or held no number.
+        array: not a number (nan) where the cell was empty or held no number; infinite of `BEYOND_LIMIT`.
         text: from the index of such a cell to what stood there.
         unit: as a line of units states it; empty where none does.
         seconds: whether the cells hold times of day, which are seconds since the first one here.
+        start: that first one, s.
     """
 
     array: Float64[np.ndarray, " row"]
     text: dict[int, str] = field(default_factory=dict)
     unit: str = ""
     seconds: bool = False
+    start: float = 0.0
 
     @classmethod
     def joined(cls, parts: Sequence[Numbers]) -> Numbers:
@@ -84,6 +88,7 @@ class Columns:
         first_row: the row of the first record in the file.
         dialect: how a text table is written; None of other tables.
         clock: the first time and the step in s, where a text states them beside the numbers.
+        names: of all columns of the file.
     """
 
     numbers: dict[str, Numbers]
@@ -91,6 +96,7 @@ class Columns:
     first_row: int = FIRST_ROW
     dialect: Dialect | None = None
     clock: tuple[float, float] | None = None
+    names: tuple[str, ...] = ()
 
 
 def read_table(
@@ -131,6 +137,7 @@ def read_table(
         table = _parse_parquet(data, schema, label, names, labels)
     else:
         table = _parse_text(text, label, names, labels, whole=numbers is not None)
+    table = replace(table, names=tuple(present))
     if numbers is not None:
         return table
     filled = {name: column for name, column in table.numbers.items() if _holds_numbers(column)}
@@ -234,15 +241,19 @@ def _without_trailing_blanks(table: pa.Table) -> pa.Table:
 
 def _sifted(cells: pa.Array, dialect: Dialect) -> Numbers:
     if (times := clock_times.seconds(cells)) is not None:
-        bad = np.flatnonzero(np.isnan(times))
-        return Numbers(times, {int(i): cells[int(i)].as_py() or "" for i in bad}, "s", seconds=True)
+        bad = np.flatnonzero(np.isnan(times[0]))
+        text = {int(i): cells[int(i)].as_py() or "" for i in bad}
+        return Numbers(times[0], text, "s", seconds=True, start=times[1])
     good = pc.match_substring_regex(cells, dialect.number)
     plain = pc.utf8_trim_whitespace(pc.if_else(good, cells, None))
     for mark, instead in (*((mark, "") for mark in dialect.thousands), (dialect.decimal, ".")):
         plain = pc.replace_substring(plain, mark, instead)
-    values = _floats(pa.chunked_array([plain]).cast(pa.float64()))
+    values = _floats(pa.chunked_array([plain]).cast(pa.float64())).copy()
     bad = np.flatnonzero(~np.asarray(good.fill_null(False), dtype=bool))
-    return Numbers(values, {int(index): cells[int(index)].as_py() or "" for index in bad})
+    text = {int(index): cells[int(index)].as_py() or "" for index in bad}
+    beyond = {index: BEYOND_LIMIT.get(words.strip(), np.nan) for index, words in text.items()}
+    values[list(beyond)] = list(beyond.values())
+    return Numbers(values, text)
 
 
 def _parse_parquet(
@@ -338,9 +349,10 @@ def _parquet_numbers(column: pa.ChunkedArray) -> Numbers:
         return Numbers(_floats(column))
     counts = column.cast(pa.int64() if column.type.bit_width == 64 else pa.int32()).cast(pa.int64())
     # As whole numbers, of which a float would not hold all digits.
-    since = pc.subtract(counts, counts.drop_null()[0] if counts.null_count < len(counts) else 0)
-    per_second = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
-    return Numbers(_floats(since) / per_second, unit="s", seconds=True)
+    first = counts.drop_null()[0].as_py() if counts.null_count < len(counts) else 0
+    per_second = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[column.type.unit]
+    start = first % (clock_times.DAY_S * per_second) / per_second
+    return Numbers(_floats(pc.subtract(counts, first)) / per_second, unit="s", seconds=True, start=start)
 
 
 def _floats(column: pa.ChunkedArray) -> np.ndarray:

@@ -12,6 +12,7 @@ import pandas as pd
 from jaxtyping import Int
 
 from bayestissue.dataset.files import of_part, require_small
+from bayestissue.dataset.own_clock import with_own_clock
 from bayestissue.dataset.recorders import Recording, read_recording
 from bayestissue.dataset.recordings import Reading, Samples, Windows, crop, in_seconds, in_si
 from bayestissue.dataset.settings import SignalSettings
@@ -26,7 +27,13 @@ def find_long(folder: Path) -> list[Path]:
     return [folder / name for name in LONG_TABLES if (folder / name).exists()]
 
 
-def read_long(folder: Path, impacts: list[str], signal: SignalSettings, file: str | None = None) -> Reading:
+def read_long(
+    folder: Path,
+    impacts: list[str],
+    signal: SignalSettings,
+    file: str | None = None,
+    first: SignalSettings | None = None,
+) -> Reading:
     """Read the one long table of all samples.
 
     Args:
@@ -34,6 +41,7 @@ def read_long(folder: Path, impacts: list[str], signal: SignalSettings, file: st
         impacts: the names in ``impacts.csv``, in order.
         signal: names of the columns, units, scale and offset.
         file: the name of the table; one of `LONG_TABLES` unless given.
+        first: of a further channel the settings of the first one, which stands in the same table.
 
     Raises:
         InputError: there is no such table, or more than one, or it can't be read.
@@ -45,14 +53,9 @@ def read_long(folder: Path, impacts: list[str], signal: SignalSettings, file: st
     if not paths:
         tables, value = ", ".join(LONG_TABLES), "no table of samples"
         raise InputError.stated("which-recordings.no-table", LONG_TABLES[0], value=value, tables=tables)
-    table = read_table(
-        paths[0],
-        paths[0].name,
-        numbers=[signal.time_column, signal.value_column],
-        labels=["impact"],
-        remedy="Put the file there.",
-        stated=signal,
-    )
+    columns = {"numbers": [signal.time_column, signal.value_column], "labels": ["impact"]}
+    read = partial(read_table, paths[0], paths[0].name, remedy="Put the file there.", stated=signal)
+    table, signal = with_own_clock(partial(read, **columns), signal, first, paths[0].name)
     rows = table.first_row + np.arange(table.labels["impact"].codes.size)
     return replace(long_reading(paths[0].name, table, rows, impacts, signal), files=paths)
 
@@ -93,7 +96,7 @@ def long_reading(
         # A name that stands there twice has been reported as such.
         if not count[index] and name and position[name] == index
     ]
-    return Reading(samples, [*_unknown_impacts(file, labels, codes, rows), *missing], [])
+    return Reading(samples.to_their_ends, [*_unknown_impacts(file, labels, codes, rows), *missing], [])
 
 
 def _order(codes: np.ndarray) -> np.ndarray | slice:
@@ -118,7 +121,13 @@ def _unknown_impacts(file: str, labels: Labels, codes: np.ndarray, rows: np.ndar
         yield Problem.stated("impacts-and-recordings.unknown", file, row, "impact", value, impact=name)
 
 
-def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: SignalSettings) -> Reading:
+def read_files(
+    folder: Path,
+    impacts: pd.DataFrame,
+    rows: np.ndarray,
+    signal: SignalSettings,
+    first: SignalSettings | None = None,
+) -> Reading:
     """Read one recorder file per impact, as the column ``trace`` names them.
 
     Args:
@@ -126,6 +135,7 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
         impacts: with the columns ``impact``, ``trace`` and perhaps ``sampling_rate_hz``.
         rows: for every impact its row in ``impacts.csv``.
         signal: names of the channels, units, scale and offset.
+        first: of a further channel the settings of the first one.
     """
     problems: list[Problem] = []
     pieces: list[Samples] = []
@@ -142,7 +152,7 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
             # One that several impacts share is read once: they mostly follow each other.
             key = (path, str(rates[index]))
             if held is None or held[0] != key:
-                held = key, _samples(read_recording(path, name, signal), rates[index], name, signal)
+                held = key, _samples(read_recording(path, name, signal, first), rates[index], name, signal)
             whole = replace(held[1], impact=np.array([index]), file=[name])
         except InputError as error:
             of_impact = partial(replace, impact=names[index] or None, files_read=len(impacts))
@@ -199,7 +209,7 @@ def _samples(recording: Recording, rate: float, file: str, signal: SignalSetting
         signal.time_column,
         signal.value_column,
         recording.text,
-    )
+    ).to_their_ends
 
 
 def _require_apart(

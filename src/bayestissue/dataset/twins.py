@@ -1,4 +1,4 @@
-"""Recordings that stand twice: copied, or exported anew with other digits, another beginning or gain.
+"""Recordings that stand twice: copied, or exported anew with other digits, another beginning, gain or rate.
 
 Noise never repeats itself. Of two impacts, however alike, the samples differ by the noise of both, σ √2 in
 standard deviation; of one recording that was exported twice, by rounding.
@@ -6,13 +6,14 @@ standard deviation; of one recording that was exported twice, by rounding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.special import ndtri
 
-from bayestissue.dataset.recordings import Samples
+from bayestissue.dataset.recordings import RATE_WITHIN, Samples
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class TwinSettings:
         steep: the samples over which a recording is steepest.
         gain: that two exports may differ by.
         arithmetic: of the peak: what arithmetic leaves of a recording that is scaled and scaled back.
+        kept: one sample of so many at the least, where an export left out others.
     """
 
     near: float = 0.5
@@ -35,6 +37,7 @@ class TwinSettings:
     steep: int = 8
     gain: float = 0.01
     arithmetic: float = 1e-9
+    kept: int = 20
 
 
 TWINS = TwinSettings()
@@ -47,7 +50,8 @@ def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
     or take one, and with the gain and offset of a straight line between them, the two differ by less than
     half of the noise. The gain is 1 within 1 %. The noise is white noise, by fifth differences, the smaller
     one of the two: noise that is smooth from sample to sample makes it too small, and hides rather than
-    raises an alarm.
+    raises an alarm. Of recordings whose intervals are multiples of one another, those of the shorter one are
+    looked at with as many samples left out, from each of the first ones on.
     """
     values = [samples.value[begin:end] for begin, end in zip(samples.begin, samples.end, strict=True)]
     first: dict[bytes, int] = {}
@@ -58,9 +62,14 @@ def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
             distinct.append(which)
         else:
             yield which, earlier, True
-    long = (which for which in distinct if values[which].size > 2 * TWINS.window)
-    candidates = [which for which in long if _varies(values[which])]
-    yield from _again([values[which] for which in candidates], candidates)
+    yield from _again([(which, values[which]) for which in distinct], values)
+    rates = np.round(np.log(samples.interval[distinct]) / np.log1p(RATE_WITHIN)).astype(int)
+    groups = [[distinct[at] for at in np.flatnonzero(rates == rate)] for rate in np.unique(rates)]
+    for fine, coarse in combinations(groups, 2):
+        ratio = samples.interval[coarse[0]] / samples.interval[fine[0]]
+        if 2 <= (every := round(ratio)) <= TWINS.kept and abs(ratio / every - 1) < 2 * RATE_WITHIN:
+            thinned = [(which, values[which][begin::every]) for which in fine for begin in range(every)]
+            yield from _again([*thinned, *((which, values[which]) for which in coarse)], values)
 
 
 def _varies(value: np.ndarray) -> bool:
@@ -68,19 +77,23 @@ def _varies(value: np.ndarray) -> bool:
     return bool(np.ptp(value) > 0 and np.isfinite(np.square(value).sum()))
 
 
-def _again(values: list[np.ndarray], places: list[int]) -> Iterator[tuple[int, int, bool]]:
-    if len(values) < 2:
+def _again(rows: list[tuple[int, np.ndarray]], whole: list[np.ndarray]) -> Iterator[tuple[int, int, bool]]:
+    """The twins among recordings, by their places and samples; their noise is that of the ``whole`` ones."""
+    rows = [(place, value) for place, value in rows if value.size > 2 * TWINS.window and _varies(value)]
+    if len(rows) < 2:
         return
-    noise = np.array([_noise(value) for value in values])
+    places, values = zip(*rows, strict=True)
+    noise = np.array([_noise(whole[place]) for place in places])
     height = np.array([np.ptp(value) for value in values])
     first: dict[int, int] = {}
     for landmark in (_highest, _steepest):
         at = np.array([landmark(value) for value in values])
-        for later, earlier, lag in _alike(values, at, TWINS.near * noise + TWINS.arithmetic * height):
-            limit = TWINS.near * min(noise[later], noise[earlier]) + TWINS.arithmetic * height[later]
-            if _differ(values[later], values[earlier], lag) < limit:
+        for one, other, lag in _alike(values, at, TWINS.near * noise + TWINS.arithmetic * height):
+            limit = TWINS.near * min(noise[one], noise[other]) + TWINS.arithmetic * height[one]
+            if places[one] != places[other] and _differ(values[one], values[other], lag) < limit:
+                earlier, later = sorted((places[one], places[other]))
                 first[later] = min(earlier, first.get(later, earlier))
-    yield from ((places[later], places[first[later]], False) for later in sorted(first))
+    yield from ((later, first[later], False) for later in sorted(first))
 
 
 def _highest(value: np.ndarray) -> int:
@@ -93,7 +106,7 @@ def _steepest(value: np.ndarray) -> int:
     return 1 + int(np.argmax(np.abs(later - inside)))
 
 
-def _alike(values: list[np.ndarray], at: np.ndarray, near: np.ndarray) -> Iterator[tuple[int, int, int]]:
+def _alike(values: Sequence[np.ndarray], at: np.ndarray, near: np.ndarray) -> Iterator[tuple[int, int, int]]:
     """Pairs that are alike behind a landmark, the later first, and by how many samples it lies behind."""
     from scipy.spatial import KDTree
 

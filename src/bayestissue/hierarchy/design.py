@@ -186,8 +186,7 @@ def _refusal(judged: Judged, formula: str, key: str, source: str) -> Problem:
     wanted = "; ".join(dict.fromkeys(fault.expected for fault in faults))
     wrong = "; ".join(f"{fault.term}: {fault.reason}" if fault.term else fault.reason for fault in faults)
     at = (source, None, key, formula)
-    # Without a term whose column is misspelt, or has a gap, a formula is none that anybody asked for.
-    kind = "column" if any(fault.of_table for fault in faults) else "judged"
+    kind = "mendable" if any(fault.mendable for fault in faults) else "judged"
     return Problem.stated(f"formula.{kind}", *at, wanted=wanted, wrong=wrong, terms=judged.terms)
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset.model import Dataset
 from bayestissue.elements import element
+from bayestissue.errors import Coded
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.likelihood.element.recorder import LowPass
@@ -227,7 +228,7 @@ def prepared_force(
             (rows.n_quiet < FEWEST_SAMPLES).any(),
             "a recording has no quiet part before contact, which tells its zero",
         ),
-        (comparison.lags, f"it is {1e3 * abs(comparison.common_lag[0]):.2g} ms off: correct time_offset_s"),
+        (comparison.lags, Coded(f"the two channels disagree: {comparison.late}", "channels-disagree")),
     ):
         if wrong:
             return words

@@ -15,6 +15,7 @@ import xarray as xr
 
 from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY
+from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, MEASURED
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
@@ -176,7 +177,9 @@ def label(
     return TraceAnalysis(
         tree=tree,
         summary=summary,
-        diagnostics=_diagnostics(prepared, posterior, tree["prior"].dataset, checked, chains, form),
+        diagnostics=_diagnostics(
+            prepared, posterior, tree["prior"].dataset, checked, chains, form, _unasked(specification)
+        ),
         hypotheses=_hypotheses(posterior, of_tissue, near.mass_exponent),
         cross_validation=scores,
         sensitivity=sensitivity,
@@ -204,6 +207,7 @@ def _diagnostics(
     checked: pd.DataFrame,
     chains: ChainDraws,
     form: dict[str, Any],
+    unasked: list[str],
 ) -> dict[str, Any]:
     """What draws say of chains and model, for ``diagnostics.json``; ``checked`` are rows of the summary."""
     of_impacts = [str(name) for name, values in posterior.data_vars.items() if "impact" in values.dims]
@@ -211,13 +215,19 @@ def _diagnostics(
     pooled = pooled_parameters(posterior, design.recorded, element(model.element))
     added = judge_added_mass(prepared, posterior, prior)
     return {
-        **diagnose(checked, r_hat_limit(len(checked), *chains.shape), of_impacts),
+        **diagnose(checked, r_hat_limit(len(checked), *chains.shape), of_impacts, unasked),
         **form,
         "straight_lines": straight_lines(design, posterior, model.log_mass_sd, prepared.mass_group),
         "pooled_parameters": [one.record() for one in pooled],
         "route": chains.record(),
         **({"added_mass": added} if added else {}),
     }
+
+
+def _unasked(specification: ModelSpecification) -> list[str]:
+    """Outcomes of single impacts that follow from K and C, less the measured ones and those of questions."""
+    asked = " ".join(specification.questions.values())
+    return [name for name in HEADFORM_OUTCOMES if name not in MEASURED and name not in asked]
 
 
 def _comparison(prepared: Prepared, specification: ModelSpecification, tree: xr.DataTree) -> Comparison:

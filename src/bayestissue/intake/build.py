@@ -30,12 +30,14 @@ from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.intake.names import bare_name
 from bayestissue.outline import first_of
+from bayestissue.signal.displacement import displacements
+from bayestissue.signal.settings import CONTACT
 from bayestissue.signal.traces import noise_sd, stack
 
 RECORDINGS = "recordings"
 FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
 said = sentences(__package__)
-_ALIKE = ("quantity", "unit", "time_unit", "scale", "offset", "crop", "gravity", "zero")
+_ALIKE = ("quantity", "unit", "time_unit", "scale", "offset", "crop", "gravity", "zero", "contact")
 _OPTIONS = {
     **{f"signal.{key}": f"--{key.replace('_', '-')}" for key in _ALIKE},
     **{f"signal.{key}": f"--text {key}" for key in Stated.model_fields},
@@ -245,9 +247,23 @@ def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple
         soonest = min(again.values())
         named = first_of(list(again), 5)
         notes.insert(0, said("notes.again", impacts=named, seconds=soonest, apart=soonest / 2))
+    if _contact_untold(dataset):
+        notes.append(said("notes.contact"))
     if several:
         notes.insert(0, said("notes.several", impacts=first_of(several, 5)))
     return tuple(notes)
+
+
+def _contact_untold(dataset: Dataset) -> bool:
+    """Whether somebody has to say where contact falls within a sampling interval, as the recordings do not.
+
+    Most that begin at contact do not, whatever they look like: a force that jumps may have jumped earlier.
+    """
+    if dataset.contact or dataset.recorder or dataset.quantity == "displacement":
+        return False
+    signal = displacements(dataset)
+    begins_there = np.median(signal.n_before) < CONTACT.quiet_samples
+    return signal.phase.kind == "undecided" or bool(begins_there and not signal.phase.known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -388,7 +404,8 @@ def blow_again(trace: Trace, *, threshold: float = Cutting.threshold) -> float |
     """The time in s between the highest blow of a recording and another one nearly as high; None without.
 
     A blow is a run of samples as `cut` takes them. Runs less than twice the longest one apart are one blow,
-    as the swings of a tissue are. Another blow has half of the height or more; it may be a rebound.
+    as the swings of a tissue are. Another blow has half of the height or more, and the recording comes down
+    to half of that between the two; it may be a rebound.
 
     Args:
         trace: positive while the impactor slows, or into the tissue.
@@ -406,7 +423,10 @@ def blow_again(trace: Trace, *, threshold: float = Cutting.threshold) -> float |
     value = trace.value - np.median(trace.value)
     peaks = [int(blow[np.argmax(value[blow])]) for blow in blows]
     first, *others = sorted(peaks, key=lambda at: -value[at])
-    high = [at for at in others if value[at] >= value[first] / 2]
+    # A flat top comes down by no more than its noise, wherever the threshold is.
+    valleys = [value[min(at, first) : max(at, first)].min() - value.min() for at in others]
+    apart = [2 * valley < value[at] - value.min() for at, valley in zip(others, valleys, strict=True)]
+    high = [at for at, down in zip(others, apart, strict=True) if down and value[at] >= value[first] / 2]
     return float(min(abs(time[at] - time[first]) for at in high)) if high else None
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -36,6 +37,7 @@ _FALLS = (
 # What a force can stand beside, and names of channels of a sensor below the tissue.
 BESIDE_FORCE = ("deceleration", "acceleration")
 _BELOW = re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE)
+_SHOWN = 8
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
@@ -61,6 +63,7 @@ class Choices:
         text: how texts are written, as far as it is not to be found: keys of `Stated`.
         gravity: the part of gravity along the motion, as ``signal.gravity``.
         zero: where the sensor read 0, as ``signal.zero``.
+        contact: where contact falls within a sampling interval, as ``signal.contact``.
         force: entries of the table ``[[channel]]`` of a force beside the motion; "none" for none. The
             only channel with a unit of force is taken where nothing is said.
         force_channel: the whole of that table, as `settle` has it; empty without a force.
@@ -82,6 +85,7 @@ class Choices:
     text: dict[str, Any] = field(default_factory=dict)
     gravity: str | float | None = None
     zero: str | None = None
+    contact: str | None = None
     uncertainty: dict[str, Any] = field(default_factory=dict)
     force: dict[str, Any] | Literal["none"] = field(default_factory=dict)
     force_channel: dict[str, Any] = field(default_factory=dict)
@@ -98,6 +102,7 @@ class Choices:
             "offset": self.offset or None,
             "gravity": self.gravity,
             "zero": self.zero,
+            "contact": self.contact,
             "crop": None if self.crop is None else list(self.crop),
             **self.text,
         }
@@ -123,7 +128,8 @@ class Question:
     @property
     def wording(self) -> str:
         """What is asked for, with the answers that are possible."""
-        return self.what + (f": {' or '.join(self.answers)}" if self.answers else "")
+        more = f" or one of {len(self.answers) - _SHOWN} more" if len(self.answers) > _SHOWN else ""
+        return self.what + (f": {' or '.join(self.answers[:_SHOWN])}{more}" if self.answers else "")
 
     @property
     def line(self) -> str:
@@ -201,7 +207,7 @@ def settle(
 
     rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
     if choices.time is None and not rated and not all(channel.clock for channel in chosen):
-        take("time", _time(channels))
+        take("time", _time(channels, choices.channel))
     if choices.time is not None and choices.time_unit is None:
         choices = replace(choices, time_unit=_unit(channels[choices.time], ["time"]))
 
@@ -279,9 +285,16 @@ def _rising_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]
     return [name for name, summaries in channels.items() if all(channel.rising for channel in summaries)]
 
 
-def _time(channels: Mapping[str, Sequence[ChannelSummary]]) -> str | Question:
-    """The channel with the times; else the question which it is, or for a rate where none can be."""
+def _time(channels: Mapping[str, Sequence[ChannelSummary]], channel: str | None) -> str | Question:
+    """The channel with the times; else the question which it is, or for a rate where none can be.
+
+    Of several, each in front of values of its own, the last one before those of the channel.
+    """
     if times := times_among(channels):
+        names = list(channels)
+        before = [name for name in names[: names.index(channel)] if name in times] if channel else []
+        if before and not any(one in times and other in times for one, other in pairwise(names)):
+            return before[-1]
         return _one_of(times, "--time", "the channel with the times")
     if rising := _rising_among(channels):
         return Question("--time", "the channel with the times", tuple(rising), rising[0])

@@ -6,12 +6,23 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from bayestissue.dataset.cells import read_cells, with_subject
+import pandas as pd
+
+from bayestissue.dataset.cells import in_case_of, read_cells, with_subject
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import BEFORE_PART
 from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.folder import File, RecorderFolder
-from bayestissue.intake.names import Pattern, bare_name, columns, contradictions, fills, is_height, is_number
+from bayestissue.intake.names import (
+    NUMBERS,
+    Pattern,
+    bare_name,
+    columns,
+    contradictions,
+    fills,
+    is_height,
+    is_number,
+)
 from bayestissue.outline import first_of
 
 FILE, NUMBER = "file", "number"
@@ -93,7 +104,9 @@ def _once(sources: dict[str, tuple[str, ...]]) -> None:
     by_column: dict[str, list[str]] = {}
     for source, fields in sources.items():
         for name in fields:
-            by_column.setdefault(fills(name), []).append(f"{name} by {source}")
+            # A velocity may stand beside its height.
+            column = name if is_height(name) and fills(name) in fields else fills(name)
+            by_column.setdefault(column, []).append(f"{name} by {source}")
     problems = [
         Problem.stated("facts-of-recordings.sources", "init", column=column, value=" and ".join(said))
         for column, said in by_column.items()
@@ -117,9 +130,10 @@ class _Table:
     @classmethod
     def read(cls, path: Path, fields: Sequence[str], stated: Stated | None) -> _Table:
         cells, lines = read_cells(path, [], label=path.name, stated=stated)
-        if "subject" not in fields or FILE not in cells:
+        if "subject" not in fields or FILE not in _in_standard_case(cells):
             cells.columns = with_subject(list(map(str, cells.columns)))
-        names = list(map(str, cells.columns))
+        names = _in_standard_case(cells)
+        cells.columns = pd.Index(names)
         keys = () if FILE in names else tuple(n for n in fields if n in names and not is_number(n))
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
         facts = tuple(name for name in names if name not in ((FILE, NUMBER) if FILE in names else keys))
@@ -204,12 +218,18 @@ def _alike(name: str) -> str:
     return name.casefold().lstrip("0") if name.isdigit() else name.casefold()
 
 
+def _in_standard_case(cells: pd.DataFrame) -> list[str]:
+    """The names of a table's columns, those of files, numbers and what is a number as they are written."""
+    return in_case_of((FILE, NUMBER, *NUMBERS), list(map(str, cells.columns)))
+
+
 def told_by(table: Path, stated: Stated) -> list[str]:
     """What a table tells of each recording, if it names these; else nothing.
 
     What it leaves open is guessed from the names of the recordings, and so is by what it is joined.
     """
-    names = with_subject(list(map(str, read_cells(table, [], label=table.name, stated=stated)[0])))
+    cells, _ = read_cells(table, [], label=table.name, stated=stated)
+    names = with_subject(_in_standard_case(cells))
     return [name for name in names if name not in (FILE, NUMBER)] if FILE in names else []
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import of_part, read_bytes, sheet_names
 from bayestissue.dataset.formats import Contents
-from bayestissue.dataset.recorders import SUFFIXES, contents_of, suffix_of
+from bayestissue.dataset.recorders import SUFFIXES, contents_of, is_text_of_numbers, suffix_of
 from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
@@ -165,7 +165,7 @@ def look(
     # Where there is nothing else, texts are recordings; beside recordings they are notes.
     kinds = [(suffix,)] if suffix else [*([(".xlsx",)] if sheets else []), SUFFIXES, TEXT_SUFFIXES]
     sorted_out = ([path for path in paths if suffix_of(path) in kind] for kind in kinds)
-    wanted = next(filter(None, sorted_out), [])
+    wanted = next(filter(None, sorted_out), []) or [path for path in paths if is_text_of_numbers(path)]
     if not wanted:
         ends = ", ".join(sorted({suffix_of(path) or path.name for path in paths})[:10])
         raise InputError.stated(

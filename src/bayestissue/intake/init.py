@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bayestissue.dataset import Dataset, Quantity, Recorder, Uncertainty, read_dataset
+from bayestissue.dataset.chain import Contact
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import BEFORE_PART
 from bayestissue.dataset.recorders import SUFFIXES, suffix_of
@@ -259,6 +260,7 @@ def init_dataset(
     text: Mapping[str, Any] | None = None,
     gravity: Gravity | None = None,
     zero: Zero | None = None,
+    contact: Contact | None = None,
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     force: Mapping[str, Any] | Literal["none"] | None = None,
     name: str = "",
@@ -299,6 +301,8 @@ def init_dataset(
         gravity: the part of gravity along the motion: ``"none"``, ``"drop"`` (straight down), or a number of
             m/s², positive into the tissue; needed where a drop height is given.
         zero: where an accelerometer read 0: ``"free_fall"`` or ``"rest"``.
+        contact: where contact falls, ``"between"`` samples or ``"on_sample"``; all recordings together tell
+            unless given.
         uncertainty: of the measuring chain, by the keys of ``[uncertainty]`` in ``dataset.toml``.
         force: of a force beside the motion, entries of ``[[channel]]`` in ``dataset.toml``, such as
             ``{"place": "base"}``; ``"none"`` for none. The only channel with a unit of force is taken as one
@@ -316,6 +320,7 @@ def init_dataset(
     choices = Choices(
         channel=channel, quantity=quantity, unit=unit, time=time, time_unit=time_unit, rate_hz=rate_hz,
         scale=scale, offset=offset, crop=crop, pattern=pattern, gravity=gravity, zero=zero,
+        contact=contact,
         table=None if table is None else Path(table),
         shared={key: str(value) for key, value in (given or {}).items()},
         recorder=dict(stated_table(recorder or {})),
@@ -363,6 +368,7 @@ def _summary(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
         *([("force beside it", _force_words(choices))] if choices.force_channel else []),
         *([("gravity along the motion", falls)] if choices.gravity is not None else []),
+        *([("contact", choices.contact.replace("_", " "))] if choices.contact else []),
         ("times", times),
         *([("low-pass", low_pass)] if choices.recorder else []),
         ("impacts", cut_words),

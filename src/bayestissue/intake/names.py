@@ -33,12 +33,12 @@ _FILLS: dict[str, tuple[str, float, float]] = {
     "drop_height_cm": ("velocity_m_s", 2e-2 * STANDARD_GRAVITY, 0.5),
     "drop_height_mm": ("velocity_m_s", 2e-3 * STANDARD_GRAVITY, 0.5),
 }
-_NUMBERS = {"mass_kg", "velocity_m_s", "sampling_rate_hz", "energy_J", "diameter_m", *_FILLS}
+NUMBERS = {"mass_kg", "velocity_m_s", "sampling_rate_hz", "energy_J", "diameter_m", *_FILLS}
 
 
 def is_number(name: str) -> bool:
     """Whether a field of this name holds a number."""
-    return name in _NUMBERS
+    return name in NUMBERS
 
 
 def is_height(name: str) -> bool:
@@ -79,7 +79,9 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
             continue
         column, factor, power = _FILLS.get(name, (name, 1.0, 1.0))
         # Twelve digits are more than anybody measured, and fewer than show how 0.07 is kept.
-        cells[column] = float(f"{(factor * value) ** power:.12g}")
+        # Beside its height a velocity is as it is stated: `check` holds the one against the other.
+        if column == name or column not in fields:
+            cells[column] = float(f"{(factor * value) ** power:.12g}")
         if is_height(name):
             cells[name] = value
     refuse(problems)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.settings import CONTACT
 from bayestissue.signal.traces import (
@@ -16,6 +17,7 @@ from bayestissue.signal.traces import (
     Recordings,
     at,
     first_where,
+    from_sample,
     last_where,
     noise_sd,
     segment_moments,
@@ -54,6 +56,36 @@ class Onset:
         count = np.maximum(self.quiet_samples, 1)
         of_scatter = standard_error(self.noise_sd, count)
         return np.where(count >= CONTACT.scatter_samples, of_scatter, self.noise_sd / np.sqrt(count))
+
+
+def since_release(recordings: Recordings) -> Recordings:
+    """Each recording from where its impactor falls freely, if it was held before; else as it is.
+
+    What is held reads one g more than what falls, whatever the zero: most of the samples before the lowest
+    level ahead of the peak do. Noise that hides such a step hides what was held.
+    """
+    g, value, index = STANDARD_GRAVITY, recordings.value, np.arange(recordings.value.shape[1])
+    peak = np.argmax(np.where(recordings.inside, value, -np.inf), axis=1)
+    size = min(CONTACT.quiet_samples, len(index))
+    means = np.lib.stride_tricks.sliding_window_view(value, size, axis=1).mean(axis=-1)
+    ahead = index[: means.shape[1]] < (peak - size)[:, None]
+    lowest = np.argmin(np.where(ahead, means, np.inf), axis=1)
+    high = (value > (at(means, lowest) + g / 2)[:, None]) & (index <= lowest[:, None])
+    last = np.maximum(last_where(high), 0)
+    held, until_peak = index <= last[:, None], index <= np.maximum(peak, last + 1)[:, None]
+    level = np.nanmedian(np.where(held, value, np.nan), axis=1)
+    # The lower quartile: letting go may ring, and the peak's foot is no free fall.
+    falls = np.nanquantile(np.where(until_peak & ~held, value, np.nan), 0.25, axis=1)
+    released = (np.abs((level - falls) / g - 1) < CONTACT.about_g) & (last + 1 >= CONTACT.quiet_samples)
+    released &= CONTACT.certain * noise_sd(recordings) < g / 2
+    if not released.any():
+        return recordings
+    # Letting go takes a while.
+    first = np.where(released, last + 1 + np.ceil(CONTACT.letting_go * (peak - last)).astype(int), 0)
+    clipped = recordings.clipped
+    if clipped is not None:
+        clipped = from_sample(replace(recordings, value=clipped), first).value
+    return replace(from_sample(recordings, first), ahead_s=recordings.ahead_s, clipped=clipped)
 
 
 def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:

@@ -11,7 +11,7 @@ import numpy as np
 from bayestissue.dataset.model import Dataset
 from bayestissue.errors import Coded
 from bayestissue.signal.beyond_limit import beyond_limit
-from bayestissue.signal.contact import Onset, displacement_contact, find_onset
+from bayestissue.signal.contact import Onset, displacement_contact, find_onset, since_release
 from bayestissue.signal.filters import ahead_s
 from bayestissue.signal.integration import Rule, clear_velocity, cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
@@ -33,11 +33,15 @@ from bayestissue.signal.window import Stop, samples_in, slowest, still_pushed, z
 
 FEWEST_SAMPLES = 8
 TOO_FEW = Coded(f"fewer than {FEWEST_SAMPLES} samples in the window", "too-few-samples")
+NO_CONTACT = Coded("no contact was found: the signal drifts from its beginning on", "drift")
 UNEVEN = Coded("times are uneven: each sample is taken at its own", "uneven-times")
 LONGER = Coded("few samples below the sensor's limit: the window goes on to the rebound", "clipped")
 SLOWLY = Coded("few samples until zero velocity: the window goes on to the rebound", "few-samples")
 NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
 ON_SAMPLE = Coded("contact is taken to be at a sample", "contact-on-sample")
+NOT_ON_SAMPLE = Coded(
+    "contact is declared to be at a sample: the recordings contradict it", "contact-between"
+)
 BELOW_ZERO = Coded(
     "stays below zero, where contact is: the sensor has another zero (write signal.offset)", "starts-deep"
 )
@@ -161,6 +165,8 @@ def displacements(
     def met(rows: slice) -> _Met:
         stacked = stack(dataset.traces[rows]).signed(sign)
         stacked = replace(stacked, ahead_s=float(ahead_s(dataset.recorder, stacked.dt).max()))
+        if dataset.quantity != "displacement":
+            stacked = since_release(stacked)
         return _Met(stacked, mass[rows], velocity[rows], gravity[rows])
 
     if dataset.quantity == "displacement":
@@ -175,8 +181,8 @@ def displacements(
     if phase.known:
         signals = tuple(_integrated(met(rows), options, rule, phase)[0] for rows in blocks)
     signal = _joined(signals)
-    noted = [[*row, ON_SAMPLE] for row in signal.notes] if phase.known and phase.judged else signal.notes
-    return replace(signal, phase=phase, notes=noted)
+    of_phase = [ON_SAMPLE] * (phase.known and phase.judged) + [NOT_ON_SAMPLE] * phase.contradicted
+    return replace(signal, phase=phase, notes=[row + of_phase for row in signal.notes])
 
 
 class _Met(NamedTuple):
@@ -215,6 +221,7 @@ def _integrated(
     flags = {
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
         Coded(contact_words, "contact-doubtful"): onset.doubtful,
+        NO_CONTACT: ~onset.quiet & (onset.first >= CONTACT.quiet_samples),
     }
     signal = _windowed(
         part, (x, v, d if recordings.clipped is None else recorded), clipped, stop, start, options, flags,
@@ -305,7 +312,8 @@ def _windowed(
         # What the sensor did not see on the way in stands on the way back.
         n = np.where(longer | slowly, np.maximum(n, samples_in("rebound", stop, *moved)), n)
     used = np.arange(int(n.max())) < n[:, None]
-    few = n - (used & (at_limit[:, : used.shape[1]])).sum(axis=1) < FEWEST_SAMPLES
+    few = n - (used & at_limit[:, : used.shape[1]]).sum(axis=1) < FEWEST_SAMPLES
+    drifts = few & flags.get(NO_CONTACT, False)
     x, v, deceleration, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in (*motion, clipped))
     return Displacements(
         x=x,
@@ -324,7 +332,7 @@ def _windowed(
         bracket_uniform=start.bracket_uniform,
         time_to_peak=since_contact + stop.time,
         peak_displacement=stop.x,
-        flags=_raised({**flags, TOO_FEW: few}, len(n)),
+        flags=_raised({**flags, NO_CONTACT: drifts, TOO_FEW: few & ~drifts}, len(n)),
         notes=_raised({**notes, LONGER: longer, SLOWLY: slowly & ~few}, len(n)),
         **columns,
     )

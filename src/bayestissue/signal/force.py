@@ -5,6 +5,8 @@ the impactor takes to zero velocity until three times as long after it, m being 
 tissue: the ratio r, which holds the errors of mass and of both gains, the lag l of the force behind the
 deceleration, and the zero b. What the noise of d adds to its sum of squares, which would make r too small, is
 taken off. Where one of the two went through a low-pass of its own, the other is passed through it as well.
+Where l is farther than that finds, it begins at the time by which the two are most alike. A force that is
+late is told from one behind a low-pass, and from one that drifts, by what each of the three leaves of it.
 
 Beside a displacement, whose second derivative is noise, impulses are compared. From contact on a free mass
 has
@@ -40,6 +42,12 @@ _AFTER = 3.0
 _LIMIT = 3.0
 # Of the sampling interval, below which no lag is worth a word.
 _LEAST_LAG = 0.5
+# A ratio is apart from the others by so many of its own errors, and by so much of itself.
+_OWN_ERRORS, _LEAST_APART = 5.0, 0.03
+# In times to zero velocity: how far a force is looked for, and in what steps.
+_FARTHEST, _STEP = 4.0, 0.1
+# Low-passes that may be what a lag is, in Hz; and what a cause may leave of the squares that a lag leaves.
+_CORNERS_HZ, _LEFT = np.geomspace(20.0, 5000.0, 50), 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +66,8 @@ class Force:
         lag_sd: its standard error [s].
         dt: sampling interval [s].
         declared_sd: of r, by what is declared of the mass and of both gains.
+        mass: M - m of each impact [kg].
+        corner_hz: of the low-pass that is mistaken for a lag; 0 where none is, infinite of a drift.
         impulse: whether impulses are compared, of a displacement. ``value`` is then that of the force since
             contact, ``expected`` M (V - v + g t) [N s], the ratio that at the greatest depth, with the error
             that is declared of V, and there is no lag.
@@ -74,6 +84,8 @@ class Force:
     lag_sd: Float[np.ndarray, " impact"]
     dt: Float[np.ndarray, " impact"]
     declared_sd: float
+    mass: Float[np.ndarray, " impact"]
+    corner_hz: float = 0.0
     impulse: bool = False
 
     @property
@@ -105,7 +117,47 @@ class Force:
     def lags(self) -> bool:
         """Whether the force is early or late by more than its error, and by half a sampling interval."""
         lag, sd = self.common_lag
-        return bool(abs(lag) > max(_LIMIT * sd, _LEAST_LAG * np.median(self.dt)))
+        # Of impacts that are late by different times the scatter would hide that each of them is.
+        beyond = np.abs(self.lag) > np.maximum(_LIMIT * self.lag_sd, _LEAST_LAG * self.dt)
+        most = 2 * beyond.sum() > np.isfinite(self.lag).sum()
+        return bool(most or abs(lag) > max(_LIMIT * sd, _LEAST_LAG * np.median(self.dt)))
+
+    @property
+    def apart(self) -> Bool[np.ndarray, " impact"]:
+        """Whose ratio is not that of the others, by many of its own errors.
+
+        Below tissue that moves along with the impactor it is r (1 + m / M), which takes no more than m = M.
+        """
+        known = np.isfinite(self.ratio)
+        if self.impulse or known.sum() < 2:
+            return np.zeros(known.size, bool)
+        moving, mass = np.zeros(known.size), self.mass[known]
+        if self.channel.place == "base" and np.ptp(mass) > 0:
+            columns = np.stack([np.ones_like(mass), 1 / mass], axis=1)
+            r, rm = np.linalg.lstsq(columns, self.ratio[known])[0]
+            moving = rm / self.mass if 0 < rm <= r * mass.min() else moving
+        centre = float(np.median((self.ratio - moving)[known]))
+        own = np.hypot(self.ratio_sd, np.nanmedian(self.ratio_sd))
+        beyond = np.maximum(_OWN_ERRORS * own, _LEAST_APART * abs(centre))
+        return known & (np.abs(self.ratio - moving - centre) > beyond)
+
+    @property
+    def between(self) -> str:
+        """From which to which ratio impacts have, and how well each is known, in words."""
+        own = 100 * np.nanmedian(self.ratio_sd / self.ratio)
+        return f"{np.nanmin(self.ratio):.3g} to {np.nanmax(self.ratio):.3g}, each known to {own:.1g} %"
+
+    @property
+    def late(self) -> str:
+        """By what the force is late or early, and what that is, in words."""
+        if math.isinf(self.corner_hz):
+            return "it drifts while it acts, which no clock explains"
+        lag = self.common_lag[0]
+        words = f"it is {1e3 * abs(lag):.2g} ms {'behind' if lag > 0 else 'ahead of'} the deceleration"
+        if self.corner_hz:
+            corner, filtered = float(f"{self.corner_hz:.2g}"), "it" if lag > 0 else "that"
+            return f"{words}: {filtered} went through a low-pass of some {corner:g} Hz"
+        return f"{words}: correct time_offset_s by {-lag:.2g} s"
 
     @property
     def words(self) -> str:
@@ -120,10 +172,8 @@ class Force:
             return words + beyond * (ratio > 1)
         mass = "(M - m)" if self.channel.tip_mass_kg else "M"
         words = f"{ratio:.4g} ± {self.total_sd:.2g} of {mass} a ({scatter:.1g} but for what is declared)"
-        if self.lags:
-            late = "behind" if self.common_lag[0] > 0 else "ahead of"
-            words += f"; the force is {abs(self.common_lag[0]) * 1e3:.2g} ms {late} the deceleration"
-        return words
+        words += f"; {self.between}" if self.apart.any() else ""
+        return f"{words}; of the force: {self.late}" if self.lags else words
 
 
 def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
@@ -181,6 +231,7 @@ def _impulses(dataset: Dataset, channel: Channel, signal: Displacements) -> Forc
         no_lag,
         signal.dt,
         declared,
+        mass[:, 0],
         impulse=True,
     )
 
@@ -190,41 +241,151 @@ def _forces(dataset: Dataset, channel: Channel, signal: Displacements) -> Force:
     force, slowing = _as_comparable(dataset, channel, signal)
     curve = _Expected(slowing, signal, channel.tip_mass_kg)
     since_contact = (force.start - signal.contact_time_s)[:, None] + force.time_s
-    inside = force.inside & curve.covers(since_contact)
-    if force.clipped is not None:
-        inside &= force.clipped == 0
-    count = inside.sum(axis=1)
+    usable = force.inside if force.clipped is None else force.inside & (force.clipped == 0)
     # At the sensor's limit d is not what it was.
-    whole = (signal.clipped == 0).all(axis=1) & (count >= FEWEST_SAMPLES)
-    noise = count * (curve.mass[:, 0] * signal.noise_sd) ** 2
-    values = np.where(inside, force.value, 0.0)
-
-    # Newton's iteration: r (F(t - l) - e F'(t - l)) + b is linear in r, r e and b; e is what l lacks.
-    lag = np.zeros(len(values))
-    for _ in range(_ROUNDS):
-        delayed = since_contact - lag[:, None]
-        columns = np.stack([curve.at(delayed), -curve.slope(delayed), np.ones_like(delayed)], axis=-1)
-        columns = np.where(inside[..., None], columns, 0.0)
-        coefficients, errors = _least_squares(columns, values, count, noise, whole)
-        ratio, moved, zero = coefficients
-        ratio_sd, moved_sd, _ = errors
-        lag = np.clip(lag + np.nan_to_num(moved / ratio), -curve.reach[:, 0], curve.reach[:, 0])
+    unclipped = (signal.clipped == 0).all(axis=1)
+    found = _Matched.of(curve, force.value, since_contact, usable, signal.noise_sd, unclipped)
+    if (lost := found.whole & (np.abs(found.lag) > 0.99 * curve.reach[:, 0])).any():
+        apart = np.where(lost, _most_alike(curve, force.value, since_contact, usable), 0.0)
+        moved = since_contact - apart[:, None]
+        found = _Matched.of(curve, force.value, moved, usable, signal.noise_sd, unclipped)
+        found = replace(found, lag=found.lag + apart)
 
     chain = dataset.uncertainty
     declared = [chain.relative_mass_sd, chain.relative_gain_sd, channel.relative_gain_sd]
-    return Force(
+    inside = usable & curve.covers(since_contact)
+    made = Force(
         channel=channel,
         since_contact=since_contact,
-        value=force.value - np.where(whole, zero, 0.0)[:, None],
+        value=force.value - np.where(found.whole, found.zero, 0.0)[:, None],
         expected=np.where(inside, curve.at(since_contact), 0.0),
         inside=inside,
-        ratio=ratio,
-        ratio_sd=ratio_sd,
-        lag=np.where(whole, lag, np.nan),
-        lag_sd=moved_sd / np.abs(ratio),
+        ratio=found.ratio,
+        ratio_sd=found.ratio_sd,
+        lag=np.where(found.whole, found.lag, np.nan),
+        lag_sd=found.lag_sd,
         dt=force.dt,
         declared_sd=math.hypot(*declared),
+        mass=curve.mass[:, 0],
     )
+    if not made.lags:
+        return made
+    return replace(
+        made,
+        corner_hz=_mistaken(curve, force, slowing, signal, channel.tip_mass_kg, since_contact, inside, found),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Matched:
+    """What least squares make of a force: see `Force`.
+
+    Attributes:
+        zero: b [N].
+        left: the sum of squares that is left [N^2].
+        whole: which impacts have samples enough.
+    """
+
+    ratio: Float[np.ndarray, " impact"]
+    ratio_sd: Float[np.ndarray, " impact"]
+    lag: Float[np.ndarray, " impact"]
+    lag_sd: Float[np.ndarray, " impact"]
+    zero: Float[np.ndarray, " impact"]
+    left: Float[np.ndarray, " impact"]
+    whole: Bool[np.ndarray, " impact"]
+
+    @classmethod
+    def of(
+        cls,
+        curve: _Expected,
+        value: Float[np.ndarray, "impact sample"],
+        since_contact: Float[np.ndarray, "impact sample"],
+        usable: Bool[np.ndarray, "impact sample"],
+        noise_sd: Float[np.ndarray, " impact"],
+        unclipped: Bool[np.ndarray, " impact"],
+    ) -> _Matched:
+        """Of samples at these times, by Newton's iteration from no lag."""
+        inside = usable & curve.covers(since_contact)
+        count = inside.sum(axis=1)
+        whole = unclipped & (count >= FEWEST_SAMPLES)
+        noise = count * (curve.mass[:, 0] * noise_sd) ** 2
+        values = np.where(inside, value, 0.0)
+        # r (F(t - l) - e F'(t - l)) + b is linear in r, r e and b; e is what l lacks.
+        lag = np.zeros(len(values))
+        for _ in range(_ROUNDS):
+            delayed = since_contact - lag[:, None]
+            columns = np.stack([curve.at(delayed), -curve.slope(delayed), np.ones_like(delayed)], axis=-1)
+            columns = np.where(inside[..., None], columns, 0.0)
+            coefficients, errors, left = _least_squares(columns, values, count, noise, whole)
+            ratio, moved, zero = coefficients
+            ratio_sd, moved_sd, _ = errors
+            lag = np.clip(lag + np.nan_to_num(moved / ratio), -curve.reach[:, 0], curve.reach[:, 0])
+        return cls(ratio, ratio_sd, lag, moved_sd / np.abs(ratio), zero, left, whole)
+
+
+def _most_alike(
+    curve: _Expected,
+    value: Float[np.ndarray, "impact sample"],
+    since_contact: Float[np.ndarray, "impact sample"],
+    usable: Bool[np.ndarray, "impact sample"],
+) -> Float[np.ndarray, " impact"]:
+    """By what each force is late as its correlation with the expected one has it [s]."""
+    shifts = curve.reach / _REACH * np.arange(-_FARTHEST, _FARTHEST + _STEP, _STEP)
+    counts, alike = [], []
+    for shift in shifts.T:
+        at = since_contact - shift[:, None]
+        inside = usable & curve.covers(at)
+        counts.append(inside.sum(axis=1))
+        one, other = (
+            np.where(
+                inside, part - (part * inside).sum(axis=1, keepdims=True) / counts[-1].clip(1)[:, None], 0
+            )
+            for part in (np.where(inside, value, 0.0), curve.at(at))
+        )
+        sizes = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
+        alike.append((one * other).sum(axis=1) / np.maximum(sizes, np.finfo(float).tiny))
+    enough = np.array(counts) > 0.5 * np.max(counts, axis=0)
+    best = np.where(enough, alike, -1.0).argmax(axis=0)
+    return shifts[np.arange(len(best)), best]
+
+
+def _mistaken(
+    curve: _Expected,
+    force: Recordings,
+    slowing: Recordings,
+    signal: Displacements,
+    tip_mass_kg: float,
+    since_contact: Float[np.ndarray, "impact sample"],
+    inside: Bool[np.ndarray, "impact sample"],
+    found: _Matched,
+) -> float:
+    """The corner of a low-pass that leaves much less of the force than a lag does, Hz; infinite of a drift.
+
+    What runs away goes on with time, or with the impulse so far, as behind a charge amplifier.
+    """
+    values, ones = np.where(inside, force.value, 0.0), np.ones_like(since_contact)
+    of_expected, count = curve.at(since_contact), inside.sum(axis=1)
+
+    def left(values: np.ndarray, *columns: np.ndarray) -> float:
+        stacked = np.where(inside[..., None], np.stack([*columns, ones], axis=-1), 0.0)
+        squares = _least_squares(stacked, values, count, np.zeros(len(values)), found.whole)[2]
+        return float(np.nanmedian(np.where(found.whole, squares / found.left, np.nan)))
+
+    impulse = np.cumsum(np.where(inside, of_expected, 0.0), axis=1)
+    least = {math.inf: left(values, of_expected, since_contact, impulse)}
+    late = np.nanmedian(np.where(found.whole, found.lag, np.nan)) > 0
+    dt = force.dt if not late else slowing.dt
+    zero = _first_mean(force, signal.contact_time_s)
+    for corner in _CORNERS_HZ[0.2 / np.max(dt) > _CORNERS_HZ]:
+        low_pass = Recorder(float(corner))
+        if late:
+            passed = _Expected(_passed(slowing, low_pass, 0.0), signal, tip_mass_kg)
+            least[corner] = left(values, passed.at(since_contact))
+        else:
+            filtered = np.where(inside, _passed(force, low_pass, zero).value, 0.0)
+            least[corner] = left(filtered, of_expected)
+    best = min(least, key=lambda corner: least[corner])
+    return best if least[best] < _LEFT else 0.0
 
 
 def _as_comparable(
@@ -299,8 +460,8 @@ def _least_squares(
     count: Int[np.ndarray, " impact"],
     noise: Float[np.ndarray, " impact"],
     known: Bool[np.ndarray, " impact"],
-) -> tuple[Float[np.ndarray, "column impact"], Float[np.ndarray, "column impact"]]:
-    """Coefficients of every impact and their standard errors; NaN where they are not ``known``.
+) -> tuple[Float[np.ndarray, "column impact"], Float[np.ndarray, "column impact"], np.ndarray]:
+    """Coefficients of every impact and their errors, NaN where not ``known``; and the sum of squares left.
 
     The noise of the first column is taken out of its sum of squares, of which it has ``noise``.
     """
@@ -312,11 +473,11 @@ def _least_squares(
     products = np.einsum("isa,is->ia", columns, values) / scale
     inverse = np.linalg.pinv(squares, hermitian=True)
     coefficients = np.einsum("iab,ib->ia", inverse, products)
-    left = values - np.einsum("isa,ia->is", columns, coefficients / scale)
-    variance = (left**2).sum(axis=1) / np.maximum(count - columns.shape[2], 1)
+    left = ((values - np.einsum("isa,ia->is", columns, coefficients / scale)) ** 2).sum(axis=1)
+    variance = left / np.maximum(count - columns.shape[2], 1)
     sd = np.sqrt(variance[:, None] * np.einsum("iaa->ia", inverse))
     of_known, of_sd = (np.where(known[:, None], part / scale, np.nan).T for part in (coefficients, sd))
-    return of_known, of_sd
+    return of_known, of_sd, left
 
 
 def _median(values: Float[np.ndarray, " impact"], sd: Float[np.ndarray, " impact"]) -> tuple[float, float]:

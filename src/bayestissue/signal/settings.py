@@ -26,6 +26,8 @@ class ContactSettings:
         rounding: recorded numbers are rounded; below this fraction of the peak a difference means nothing.
         most_jump: of the greatest force, that a first sample may have where contact is judged by it.
         threshold: of the peak, that the trace passes at contact where that is so chosen.
+        about_g: of g, by which the step from held to falling may be off it,
+        letting_go: and the part of the time from that step to the peak that is not free fall yet.
     """
 
     scatter_samples: int = 20
@@ -41,6 +43,8 @@ class ContactSettings:
     rounding: float = 1e-6
     most_jump: float = 0.9
     threshold: float = 0.05
+    about_g: float = 0.3
+    letting_go: float = 0.1
 
 
 CONTACT = ContactSettings()
@@ -85,6 +89,9 @@ class PhaseSettings:
         sure: the probability from which on an account is taken alone.
         clear: of log evidence, by which one of the two samples is clearly likelier than the other. Contact
             declared to be at a sample is at the first one, or where the clock begins, unless the other is so.
+        contradicts: of log evidence, by which contact between samples is likelier where the recordings
+            contradict a declared one at a sample,
+        apart: and so far, in sampling intervals and beyond its errors, it then scatters.
         mean_sd, spread: scales of the normal and half-normal priors of the mean and the spread of f, contact
             being (1/2 + f) intervals before the first sample in contact; those of a fit stand in its model.
     """
@@ -93,6 +100,8 @@ class PhaseSettings:
     on_sample: float = 0.2
     sure: float = 0.95
     clear: float = 3.0
+    contradicts: float = 7.0
+    apart: float = 0.15
     mean_sd: float = 0.5
     spread: float = 0.3
 

@@ -14,7 +14,7 @@ from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.law import moving, unfit_height
+from bayestissue.inference.answers.law import NO_LAW, moving, unfit_height
 from bayestissue.inference.answers.meaning import beyond_notes
 from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
@@ -305,6 +305,43 @@ def test_levels_are_compared_by_outcomes(study: Finished) -> None:
 def test_what_an_outcome_can_not_be_asked_of(study: Finished, question: str, why: str) -> None:
     with pytest.raises(InputError, match=why):
         ask(study, numbered([question]))
+
+
+def test_beside_a_discrepancy_outcomes_stay_where_it_is_slight(study: Finished) -> None:
+    """A discrepancy of the right side alone: what the left comes to follows the element's law as before."""
+    share = np.where(study.recorded.rows["side"] == "left", 0.001, 0.1)
+    draws = np.broadcast_to(share, (*SHAPE, len(share)))
+    posterior = study.posterior.assign(discrepancy=(("chain", "draw", "impact"), draws))
+    beside = replace(study, posterior=posterior, discrepancy=True)
+    asked = numbered(
+        ["peak_force[side=left, mass_kg=2]", "critical(velocity_m_s, peak_depth[side=left] < 0.01)"]
+    )
+    for column in ("median", "low", "high"):
+        assert ask(beside, asked)[column].tolist() == ask(study, asked)[column].tolist()
+    for text in ("peak_force[side=right]", "peak_force", "best(side, lowest peak_depth)"):
+        with pytest.raises(InputError, match="levels at which a law of force holds: side left"):
+            ask(beside, numbered([text]))
+    people = ask(beside, numbered(["best(subject, lowest peak_depth[side=left])"]))
+    assert people["level"].tolist() == ["s0", "s1", "s2", "s3"]
+    at = [{"side": "left", "velocity_m_s": 1.5}, {"side": "right", "velocity_m_s": 1.5}]
+    left, right = predict(beside, at).to_dict("records")
+    assert left["peak_force_N"] == predict(study, at)["peak_force_N"][0]
+    assert np.isnan(right["peak_force_N"])
+    assert (NO_LAW in left["note"], NO_LAW in right["note"]) == (False, True)
+    # Of three levels the two that have a law are compared, and the third is named.
+    third = study_with_sides("operator + (1|subject)", "operator + (1|subject)")
+    rows = third.recorded.rows
+    operator = np.resize(["x", "y", "z"], len(rows))
+    recorded = replace(third.recorded, rows=rows.assign(operator=operator))
+    posterior = third.posterior.assign(
+        {f"effect_of_operator[z]_{q}": third.posterior[f"effect_of_operator[y]_{q}"] for q in "KC"}
+    )
+    draws = np.broadcast_to(np.where(operator == "y", 0.1, 0.0), (*SHAPE, len(rows)))
+    posterior = posterior.assign(discrepancy=(("chain", "draw", "impact"), draws))
+    of_two = replace(third, posterior=posterior, recorded=recorded, discrepancy=True)
+    answers = ask(of_two, numbered(["best(operator, lowest peak_depth)"]))
+    assert answers["level"].tolist() == ["x", "z"]
+    assert answers["note"].str.contains("no peaks: no law of operator y").all()
 
 
 def test_beside_a_discrepancy_no_law_is_known(study: Finished) -> None:

@@ -14,6 +14,9 @@ from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.grammar import parse
+from bayestissue.inference.answers.law import Law
+from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.questions import ask, numbered
 from study_with_sides import study_with_sides
 
@@ -95,6 +98,30 @@ def test_the_height_up_to_which_a_claim_holds_at_that_height(study: Finished) ->
     assert row["unit"] == "cm"
     at = f"peak_force[side=left, mass_kg=2, drop_height_cm={row['median']:.12g}]"
     assert ask(falling, numbered([at])).iloc[0]["median"] == pytest.approx(100, rel=1e-6)
+
+
+def test_a_motion_is_solved_for_in_every_draw_with_few_simulations(study: Finished, monkeypatch) -> None:
+    simulated = []
+
+    def counted(self, parameters, *motion):
+        simulated.append(parameters["K"].shape)
+        return solved(self, parameters, *motion)
+
+    solved = Law.outcomes
+    monkeypatch.setattr(Law, "outcomes", counted)
+    falling, names = replace(study, gravity=G, prior=None), "side=left, mass_kg=2"
+    # Draws far from the others, in which the claim ends elsewhere.
+    far = falling.posterior.copy()
+    far["intercept_K"] = far["intercept_K"].copy()
+    far["intercept_K"][0, 5], far["intercept_K"][1, 7] = 14.0, 2.0
+    for posterior, most in ((falling.posterior, 10), (far, 16)):
+        simulated.clear()
+        text = f"critical(velocity_m_s, peak_force[{names}] < 100)"
+        V = draws_of(parse(text), posterior, study.recorded, falling.law).to_numpy()
+        assert len(simulated) < most
+        law = replace(falling.law, velocity_m_s=V)
+        force = draws_of(parse(f"peak_force[{names}]"), posterior, study.recorded, law).to_numpy()
+        np.testing.assert_allclose(force, 100, rtol=1e-5)
 
 
 def test_a_limit_between_levels_is_a_number_like_others(study: Finished) -> None:

@@ -11,6 +11,7 @@ import xarray as xr
 from bayestissue import Fit, read_run
 from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
+from bayestissue.inference.answers import predictions
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import (
     NO_LAW,
@@ -186,6 +187,22 @@ def test_a_place_that_cant_be_written_is_refused(run: Fit, tmp_path: Path, place
 def test_an_impact_is_no_column_of_new_ones(run: Fit) -> None:
     with pytest.raises(InputError, match="Each row is a new impact"):
         run.predict(pd.DataFrame({"impact": ["t0-s0"], "mass_kg": [1.0]}))
+
+
+def test_a_long_table_is_predicted_in_blocks(run: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+    """200,000 rows asked for all their draws at once. What a block draws anew is the scatter alone."""
+    rows = pd.concat([AT] * 4, ignore_index=True).assign(mass_kg=np.linspace(0.5, 1.2, 12))
+    whole = run.predict(rows)
+    draws, told = int(whole["draws"].iloc[0]), list[tuple[str, int, int]]()
+    monkeypatch.setattr(predictions, "SETTINGS", replace(predictions.SETTINGS, predicted=5 * draws))
+    blocks = run.predict(rows, say=lambda *said: told.append(said))
+    assert told == [("predicting", done, 12) for done in (0, 5, 10)]
+    assert list(blocks.columns) == list(whole.columns)
+    same = ["subject", "mass_kg", "velocity_m_s", "new", "draws", "simulated", "note"]
+    pd.testing.assert_frame_equal(blocks[same], whole[same])
+    # An end of an interval is known to some hundredths of a scatter of some per cent.
+    for column in ("K_N_per_m", "C_N_s_per_m_low", "peak_force_N_high"):
+        np.testing.assert_allclose(blocks[column], whole[column], rtol=0.1)
 
 
 def test_joint_draws_are_those_of_the_table(run: Fit, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from bayestissue.inference.samplers.diagnostics import (
     CONTRADICTED,
     ELEMENT_ALONE,
     NO_INTERVAL,
+    UNSETTLED,
     diagnose,
     headline,
     more_would_help,
@@ -60,6 +61,21 @@ def test_a_chain_elsewhere_is_named() -> None:
     assert found["worst"]["r_hat"]["variable"] == "planted"
     assert found["worst"]["ess_bulk"]["variable"] == "planted"
     assert "Do not use these numbers" in verdict_in_words(found)
+
+
+def test_what_nobody_asked_for_fails_no_fit_and_its_row_says_so() -> None:
+    tree = run()
+    tree["posterior"].dataset["planted"].to_numpy()[0] += 3.0
+    summary = summarise(tree["posterior"].dataset)
+    found = diagnose(summary, unasked=["planted"])
+    assert found["passed"]
+    assert found["unsettled"] == ["planted"]
+    assert found["worst"]["r_hat"]["variable"] == "good"
+    assert noted(summary, found)["note"].tolist() == ["", UNSETTLED]
+    # What is asked for is judged, and what has settled is judged either way.
+    assert not diagnose(summary, unasked=["good"])["passed"]
+    sound = summarise(run()["posterior"].dataset)
+    assert diagnose(sound, unasked=["planted"]) == diagnose(sound)
 
 
 def test_the_verdict_names_what_holds_the_chains_up() -> None:

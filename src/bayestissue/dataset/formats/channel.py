@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 # "Impact (m/s^2)", "Impact [g]": text tables have no other place for a unit.
-# A name that stands there twice has its column behind.
+# A name that stands there twice has its column behind, and a run its number.
 _UNIT_IN_NAME = re.compile(r".*[(\[]([^()\[\]]+)[)\]]\s*")
-_PLACE = re.compile(r" \(column \d+\)$")
+_PLACE = re.compile(r"(\s(Run|Trial) ?#?\d+)?( \(column \d+\))?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ _MEASUREMENT, _END = b"LabVIEW Measurement", b"***End_of_Header***"
 _FILE = re.compile(r"^LabVIEW Measurement", re.MULTILINE)
 _CHANNELS = re.compile(r"(?:^[A-Za-z].*\n)*^Channels\b", re.MULTILINE)
 _NAMES = re.compile(r"^X_Value.*\n?", re.MULTILINE)
+_DAY_S = 86_400.0
 _EMPTY = re.compile(r"(?:^[\t,;]?\r?\n)+", re.MULTILINE)
 
 
@@ -45,7 +46,8 @@ def read_lvm(data: bytes, label: str) -> Contents:
     A block of data has a header of its own, or it has as many rows as the header before it states, behind an
     empty line or where ``X_Value`` begins again. Blocks of which each begins one sampling interval after the
     end of the one before are one recording: LabVIEW writes a long one in segments. The clock of a channel is
-    ``X_Value``, else ``X0`` and ``Delta_X``. Channels may differ in the number of samples and in their
+    ``X_Value``, else ``X0`` and ``Delta_X``, and later by what its ``Time`` is behind that of the first
+    channel. Channels may differ in the number of samples and in their
     interval: cells behind the end of a short one are empty.
     """
     recordings = _recordings(data)
@@ -161,20 +163,36 @@ def _channels(
     measured = 0
     for column, name in enumerate(names):
         start, step = _stated(segment, "X0", measured, 0.0), _stated(segment, "Delta_X", measured, None)
+        late = _behind_first(segment, measured, start)
         if name == "X_Value":
-            x, of_x = samples[:, column], (start, step)
+            x, of_x = samples[:, column], (start, step, late)
             continue
         count = stated[measured] if measured < len(stated) else len(samples)
         if np.isfinite(samples[count:, column]).any():
             expected = f"empty cells behind the {count} Samples of channel {name}"
             raise UnfitError(expected, "Export the recording anew.", "numbers behind them")
         # One column X_Value is the clock of channels that begin and go on as the one beside it does.
-        has_times = x is not None and of_x == (start, step) and np.isfinite(x[:count]).any()
+        has_times = x is not None and of_x == (start, step, late) and np.isfinite(x[:count]).any()
         clock = x[:count] if x is not None and has_times else even_clock(step, start, count)
+        clock = clock + late if clock is not None and late else clock
         unit = _stated(segment, "Y_Unit_Label", measured, "")
         channels[name] = Channel(samples[:count, column], clock, unit if isinstance(unit, str) else "")
         measured += 1
     return Contents(channels, first_row)
+
+
+def _behind_first(segment: dict[str, Any], channel: int, start: object) -> float:
+    """By what a channel's ``Time`` is behind that of the first, s; 0 where X counts from a day long ago."""
+    begun, own = (_time_of_day(_stated(segment, "Time", number, "")) for number in (0, channel))
+    if begun is None or own is None or not isinstance(start, (int, float)) or start > _DAY_S:
+        return 0.0
+    # Of two days, of which one began between.
+    return (own - begun + _DAY_S / 2) % _DAY_S - _DAY_S / 2
+
+
+def _time_of_day(cell: object) -> float | None:
+    parts = re.fullmatch(r"(\d+):(\d+):(\d+(?:[.,]\d*)?)", str(cell).strip())
+    return 3600 * int(parts[1]) + 60 * int(parts[2]) + float(parts[3].replace(",", ".")) if parts else None
 
 
 def _goes_on(before: Contents, after: Contents) -> bool:
@@ -233,7 +251,10 @@ def _stated(segment: dict[str, Any], key: str, channel: int, otherwise: Any) -> 
 
 
 def read_tdms(data: bytes, label: str) -> Contents:
-    """The channels of all groups; their clock is ``wf_start_offset`` and ``wf_increment``."""
+    """The channels of all groups; their clock is ``wf_start_offset`` and ``wf_increment``.
+
+    It is later by what its ``wf_start_time`` is behind that of the first channel.
+    """
     from nptdms import TdmsFile
 
     # Damaged names would be logged one by one; what is wrong is said once, by whoever called.
@@ -245,6 +266,7 @@ def read_tdms(data: bytes, label: str) -> Contents:
     require_small(sum(8 * len(channel) for channel in recorded), label)
     names = [channel.name for channel in recorded]
     channels: dict[str, Channel] = {}
+    begun: Any = None
     for channel in recorded:
         values = np.asarray(channel[:])
         if values.dtype.kind not in "fiu":
@@ -253,6 +275,10 @@ def read_tdms(data: bytes, label: str) -> Contents:
         clock = even_clock(
             properties.get("wf_increment"), properties.get("wf_start_offset", 0.0), len(values)
         )
+        since = properties.get("wf_start_time")
+        if isinstance(since, np.datetime64) and clock is not None:
+            begun = since if begun is None else begun
+            clock = clock + (since - begun) / np.timedelta64(1, "s")
         # The same name in two groups says nothing: such channels need their group's name before theirs.
         name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
         unit = properties.get("unit_string", "")

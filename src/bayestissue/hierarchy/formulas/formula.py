@@ -107,7 +107,7 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
             raise ValueError(formula)
         terms, faults = _read(formula)
     except Exception as error:  # formulae's algebra of terms raises errors that share no base
-        wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', _unread(formula, error))
+        wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', _unread(formula, error), mendable=True)
         default = judge(DEFAULT_FORMULA, rows, reference_mass_kg)
         return replace(default, faults=(wrong,))
     faults += [*_unknown(terms, rows), *unsuited_columns(terms.groups, rows)]
@@ -231,20 +231,20 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
     for group in terms.groups:
         if strange := sorted(terms.slopes.get(group.slope, frozenset()) - set(usable)):
             expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(str(group), expected, no_column(strange, usable), of_table=True))
+            faults.append(Fault(str(group), expected, no_column(strange, usable), mendable=True))
     for term, variables in terms.common.items():
         strange = sorted(variables - set(usable))
         labels = sorted(variables & set(LABELS))
         holes = [name for name in sorted(variables & set(usable)) if missing(rows[name]).any()]
         unknown = sorted({*_CALLED.findall(_QUOTED.sub("", term))} - {*FUNCTIONS, "C", "I"})
         if unknown:
-            faults.append(Fault(term, _EVALUATED, f"there is no {unknown[0]}()"))
+            faults.append(Fault(term, _EVALUATED, f"there is no {unknown[0]}()", mendable=True))
         elif strange:
             expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(term, expected, no_column(strange, usable), of_table=True))
+            faults.append(Fault(term, expected, no_column(strange, usable), mendable=True))
         elif labels:
             wanted = f"{labels[0]} as a group effect, written (1|{labels[0]})"
-            faults.append(Fault(term, wanted, f"{labels[0]} is a name and no covariate"))
+            faults.append(Fault(term, wanted, f"{labels[0]} is a name and no covariate", mendable=True))
         elif holes:
             faults.append(lacking(term, holes[0], rows))
     return faults
@@ -265,10 +265,10 @@ def _covariates_of_groups(
         try:
             of_slope = Covariates([term.slope], rows, reference_mass_kg)
         except Exception:  # as in `judge`
-            faults.append(Fault(str(term), expected, _EVALUATES_TO_NOTHING))
+            faults.append(Fault(str(term), expected, _EVALUATES_TO_NOTHING, mendable=True))
             continue
         if of_slope.names not in ([term.slope.replace("`", "")], [term.slope]):
-            faults.append(Fault(str(term), expected, f"{term.slope} is a category"))
+            faults.append(Fault(str(term), expected, f"{term.slope} is a category", mendable=True))
         elif not _is_finite(of_slope.columns):
             faults.append(Fault(str(term), expected, f"{term.slope} is not finite for every impact"))
         else:
@@ -325,7 +325,7 @@ def _unusable(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> lis
         try:
             Covariates([term], rows, reference_mass_kg)
         except Exception:  # as above
-            faults.append(Fault(term, expected, _EVALUATES_TO_NOTHING))
+            faults.append(Fault(term, expected, _EVALUATES_TO_NOTHING, mendable=True))
     # Terms that fail together only: none can be blamed alone.
     return faults or [Fault(term, expected, "these terms can't stand together") for term in terms.common]
 

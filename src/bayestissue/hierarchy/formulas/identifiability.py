@@ -41,13 +41,14 @@ class Fault:
         term: as it is written, such as ``(1|trial)``; empty where the formula as a whole can't be read.
         expected: what it would take.
         reason: what there is instead, as a clause: "the mass is 0.5 kg in every impact".
-        of_table: whether a column lacks, or a cell of it: the term is told once it is there.
+        mendable: whether the term is told once its name, its form or its column is right: then a formula
+            without it is none that anybody asked for.
     """
 
     term: str
     expected: str
     reason: str
-    of_table: bool = False
+    mendable: bool = False
 
 
 def missing(column: pd.Series) -> pd.Series:
@@ -60,7 +61,7 @@ def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
     without = rows.loc[missing(rows[column]), "impact" if "impact" in rows else column]
     where = f", such as impact {without.iloc[0]}" if "impact" in rows else ""
     reason = f"{column} is missing in {len(without)} of {len(rows)} impacts{where}"
-    return Fault(term, f"{column} of every impact", reason, of_table=True)
+    return Fault(term, f"{column} of every impact", reason, mendable=True)
 
 
 def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
@@ -86,7 +87,7 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
         if strange:
             usable = [name for name in rows.columns if name not in RESERVED_DIMENSIONS]
             expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(str(term), expected, no_column(strange, usable), of_table=True))
+            faults.append(Fault(str(term), expected, no_column(strange, usable), mendable=True))
         elif "impact" in term.factors:
             reason = "an impact's own scatter is in every model, as sd_impact_K and sd_impact_C"
             faults.append(Fault(str(term), "levels of several impacts", reason))

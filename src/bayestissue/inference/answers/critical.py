@@ -22,16 +22,22 @@ from bayestissue.inference.answers.settings import SETTINGS
 ALONG = {DROP_HEIGHT: "cm", "velocity_m_s": "m/s"}
 
 
-def critical_motion(node: Critical, law: Law, value: Callable[[Node, Law], xr.DataArray]) -> xr.DataArray:
-    """The greatest value of the column up to which the claim holds, by draw.
+# The value of a side of a claim, [chain, draw], by a law, in the draws of these numbers: None for all.
+Value = Callable[[Node, Law, np.ndarray | None], xr.DataArray]
 
-    The claim is judged at velocities from `AnswerSettings.slowest` to `AnswerSettings.fastest`, and its end
-    is solved for between two of them.
+
+def critical_motion(node: Critical, law: Law, value: Value, draws: tuple[int, int]) -> np.ndarray:
+    """The greatest value of the column up to which the claim holds, [chain, draw].
+
+    The claim is judged at velocities from `AnswerSettings.slowest` to `AnswerSettings.fastest` in some draws,
+    closer and closer about its end in them. There the end is solved for in all draws, and from all of these
+    velocities where it is elsewhere.
 
     Args:
         node: what is asked.
         law: what impacts follow.
-        value: a side of the claim in each draw, with a law that has its own velocity in each.
+        value: a side of the claim, with a law that has its own velocity in each draw.
+        draws: chains, and draws of each.
 
     Returns:
         0 where it holds at no velocity, infinite where it holds at all of them.
@@ -39,42 +45,78 @@ def critical_motion(node: Critical, law: Law, value: Callable[[Node, Law], xr.Da
     Raises:
         QuestionError: the claim holds again at a greater velocity, or has no number at one.
     """
-    from scipy.optimize import elementwise
-
     left, right = node.claim.operands
     sign = 1.0 if node.claim.symbol in ("<", "<=") else -1.0
 
-    def difference(velocity: Float[np.ndarray, "*draw"]) -> xr.DataArray:
-        """Below 0 where the claim holds, in each draw."""
+    def difference(velocity: Float[np.ndarray, "*draw"], at: np.ndarray | None = None) -> np.ndarray:
+        """Below 0 where the claim holds, [chain, draw]."""
         moved = replace(law, velocity_m_s=velocity)
-        return sign * (value(left, moved) - value(right, moved))
+        return (sign * (value(left, moved, at) - value(right, moved, at))).to_numpy()
 
-    ends = np.geomspace(SETTINGS.slowest, SETTINGS.fastest, SETTINGS.velocities)
-    tried = [difference(np.array(end)) for end in ends]
-    like = tried[0]
-    holds = np.stack([one.to_numpy().ravel() < 0 for one in tried])
-    if (holds[1:] & ~holds[:-1]).any():
-        expected = f"a claim that holds up to one {node.column} and no longer above it"
-        raise QuestionError(node.position, node.column, expected)
-    count = holds.sum(axis=0)
-    V = np.choose(count > 0, [0.0, np.inf])
-    between = np.flatnonzero((count > 0) & (count < len(ends)))
-    log_v = np.log(ends[np.minimum(count, len(ends) - 1)])
+    def judged(ends: Float[np.ndarray, " end"], draw: np.ndarray) -> np.ndarray:
+        """The difference at each of some velocities, [chain, end, draw]."""
+        velocity = np.broadcast_to(np.repeat(ends, len(draw)), (draws[0], len(ends) * len(draw)))
+        of_all = difference(velocity, np.tile(draw, len(ends))).reshape(draws[0], len(ends), len(draw))
+        holds = of_all < 0
+        if (holds[:, 1:] & ~holds[:, :-1]).any():
+            expected = f"a claim that holds up to one {node.column} and no longer above it"
+            raise QuestionError(node.position, node.column, expected)
+        return of_all
 
-    def at(x: Float[np.ndarray, " root"], index: Float[np.ndarray, " root"]) -> Float[np.ndarray, " root"]:
-        """The difference of some draws; all are computed, since an array of another size is compiled anew."""
-        numbers = index.astype(int)
-        log_v[numbers] = x
-        return difference(np.exp(log_v).reshape(like.shape)).to_numpy().ravel()[numbers]
+    def ends_at(between: tuple[float, float]) -> Float[np.ndarray, " end"]:
+        return np.geomspace(*between, SETTINGS.velocities)
 
-    if between.size:
-        last, next_ = np.log(ends[count[between] - 1]), np.log(ends[count[between]])
-        root = elementwise.find_root(
-            at,
-            (last, next_),
-            args=(between.astype(float),),
-            tolerances={"xatol": SETTINGS.of_velocity, "xrtol": 0.0},
-        )
-        V[between] = np.exp(root.x)
-    answer = fall_height(V) if node.column == DROP_HEIGHT else V
-    return like.copy(data=answer.reshape(like.shape))
+    some = np.unique(np.linspace(0, draws[1] - 1, max(SETTINGS.tried // draws[0], 1)).astype(int))
+    low, high = slowest, fastest = SETTINGS.slowest, SETTINGS.fastest
+    for _ in range(3):
+        ends = ends_at((low, high))
+        count = (judged(ends, some) < 0).sum(axis=1)
+        # As far to either side again: other draws end beyond these.
+        first, last = max(int(count.min()) - 1, 0), min(int(count.max()), len(ends) - 1)
+        low, high = float(ends[first]), float(ends[last])
+        low, high = max(low * low / high, slowest), min(high * high / low, fastest)
+    f_low, f_high = (difference(np.full(draws, end)) for end in (low, high))
+    V_low, V_high = np.full(draws, low), np.full(draws, high)
+    beyond = (~(f_low < 0) & (low > slowest)) | ((f_high < 0) & (high < fastest))
+    if elsewhere := np.flatnonzero(beyond.any(axis=0)).tolist():
+        draw, ends = np.array(elsewhere), ends_at((slowest, fastest))
+        of_ends = judged(ends, draw)
+        count = (of_ends < 0).sum(axis=1)
+        for V, f, number in ((V_low, f_low, count - 1), (V_high, f_high, count)):
+            number = np.clip(number, 0, len(ends) - 1)
+            V[:, draw] = ends[number]
+            f[:, draw] = np.take_along_axis(of_ends, number[:, None], axis=1)[:, 0]
+    V = _solved(difference, (V_low, V_high), (f_low, f_high))
+    V = np.where(f_low < 0, np.where(f_high < 0, np.inf, V), 0.0)
+    return fall_height(V) if node.column == DROP_HEIGHT else V
+
+
+def _solved(
+    difference: Callable[[np.ndarray], np.ndarray],
+    velocities: tuple[np.ndarray, np.ndarray],
+    values: tuple[np.ndarray, np.ndarray],
+) -> np.ndarray:
+    """Where the difference is 0 between two velocities, by the Illinois method (Dowell and Jarratt 1971).
+
+    doi:10.1007/BF01934364. Where its values at the two have one sign, there is nothing to solve for.
+    """
+    (a, b), (f_a, f_b) = velocities, values
+    solving = (f_a < 0) & ~(f_b < 0)
+    V, side = a.copy(), np.zeros(a.shape)
+    while solving.any():
+        slope = np.where(solving, f_b - f_a, 1.0)
+        secant = np.where(np.isfinite(slope), b - f_b * (b - a) / slope, (a + b) / 2)
+        step = np.abs(secant - V)
+        V = np.where(solving, secant, V)
+        solving = solving & (step > SETTINGS.of_velocity * V) & (b - a > SETTINGS.of_velocity * a)
+        if not solving.any():
+            break
+        f = difference(np.where(V > 0, V, a))
+        below = f < 0
+        # An end that stays twice counts for half: else the other would stay for ever where the curve bends.
+        f_b = np.where(solving & below, np.where(side > 0, f_b / 2, f_b), f_b)
+        f_a = np.where(solving & ~below, np.where(side < 0, f_a / 2, f_a), f_a)
+        a, f_a = (np.where(solving & below, *pair) for pair in ((V, a), (f, f_a)))
+        b, f_b = (np.where(solving & ~below, *pair) for pair in ((V, b), (f, f_b)))
+        side = np.where(below, 1.0, -1.0)
+    return V

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import xarray as xr
@@ -12,7 +13,7 @@ from bayestissue.elements.element import GRAVITY
 from bayestissue.elements.head_injury import HEADFORM
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.inference.answers.law import Law
+from bayestissue.inference.answers.law import SLIGHT, Law
 from bayestissue.inference.results.meanings import element_alone
 
 GROUPS = ("posterior", "prior", "constant_data")
@@ -47,8 +48,20 @@ class Finished:
 
     @property
     def law(self) -> Law | None:
-        """What outcomes at given levels follow; beside a discrepancy there is none."""
-        return None if self.discrepancy else Law(self.element, self.gravity, self.headform)
+        """What all impacts follow; beside a discrepancy there is none."""
+        return None if self.discrepancy else self.law_of_levels
+
+    @cached_property
+    def law_of_levels(self) -> Law | None:
+        """What impacts at given levels follow: beside a discrepancy those where it is `SLIGHT`, if any."""
+        law = Law(self.element, self.gravity, self.headform)
+        if not self.discrepancy:
+            return law
+        if "discrepancy" not in self.posterior:
+            return None
+        draws = self.posterior["discrepancy"]
+        share = draws.median([name for name in draws.dims if name != "impact"]).to_numpy()
+        return replace(law, described=share < SLIGHT) if (share < SLIGHT).any() else None
 
     @classmethod
     def from_tree(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Finished:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
@@ -26,6 +26,8 @@ from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 
+# Share of a trace's peak below which a discrepancy leaves an element's outcomes as they are.
+SLIGHT = 0.01
 NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
 DROP_HEIGHT = "drop_height_cm"
 # Of an impact, beside the tissue that it meets.
@@ -42,12 +44,31 @@ class Law:
         gravity: [m/s^2]; 0 where there is none.
         headform: whether what hits stands for a head.
         velocity_m_s: that every impact has instead of the one of its condition, one for all or each draw's.
+        described: beside a discrepancy, which recorded impacts the element describes without it; None of all.
     """
 
     element: str
     gravity: float
     headform: bool = False
     velocity_m_s: Float[np.ndarray, "*draw"] | None = None
+    described: Bool[np.ndarray, " impact"] | None = None
+
+    def holds(self, recorded: Recorded, condition: Condition) -> bool:
+        """Whether impacts at the condition's levels follow it, as all do that were recorded there."""
+        if self.described is None:
+            return True
+        rows = _at_levels_of(recorded, condition)
+        return bool(rows.any() and self.described[rows].all())
+
+    def held(self, recorded: Recorded, condition: Condition) -> str:
+        """Levels of the condition's columns at which it holds, as words."""
+        columns = [column for column in condition if column in recorded.named] or recorded.needed
+        at = {
+            name: [label for label in recorded.levels(name) if self.holds(recorded, {name: label})]
+            for name in columns
+            if name in recorded.named
+        }
+        return "; ".join(f"{name} {', '.join(labels)}" for name, labels in at.items() if labels)
 
     def parameters(
         self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
@@ -108,13 +129,13 @@ class Law:
         self, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
     ) -> list[Coded]:
         """The first note of `deeper` of impacts at these levels, at the medians of their parameters."""
-        if "peak_depth" not in draws:
+        if (reached := reached_depths(draws)) is None:
             return []
         parameters = self.parameters(draws, recorded, conditions).items()
         medians = {name: np.median(values, axis=(0, 1))[None] for name, values in parameters}
         motion = [numbers(recorded, conditions, one) for one in MET]
         depths = self.outcomes(medians, *motion)["peak_depth"][0]
-        of_each = (deeper(draws, recorded, *pair) for pair in zip(conditions, depths, strict=True))
+        of_each = (deeper(reached, recorded, *pair) for pair in zip(conditions, depths, strict=True))
         return next(filter(None, of_each), [])
 
     def outcomes(
@@ -132,7 +153,7 @@ class Law:
             values = {name: getattr(outcomes, name) for name in HEADFORM_OUTCOMES}
             return {name: one for name, one in values.items() if one is not None}
 
-        whole = self._together(comes, parameters, mass, known, diameter, SETTINGS.together)
+        whole = self._together(comes, parameters, mass, known, diameter, SETTINGS.at_once)
         return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
 
     def loops(
@@ -248,20 +269,34 @@ def beyond(words: str, value: float, measured: ArrayLike) -> list[Coded]:
     ]
 
 
-def deeper(draws: xr.Dataset, recorded: Recorded, condition: Condition, depth: float) -> list[Coded]:
-    """The note of a depth [m] that no impact reached, by their medians; empty where it is none.
+def reached_depths(draws: xr.Dataset) -> Float[np.ndarray, " impact"] | None:
+    """The median depth of each recorded impact [m]; None of a run without any."""
+    if "peak_depth" not in draws:
+        return None
+    depth = draws["peak_depth"]
+    return depth.median([name for name in depth.dims if name != "impact"]).to_numpy()
+
+
+def deeper(
+    reached: Float[np.ndarray, " impact"] | None, recorded: Recorded, condition: Condition, depth: float
+) -> list[Coded]:
+    """The note of a depth [m] beyond all of `reached_depths`; empty where it is none.
 
     Of those recorded at the condition's levels: how soft another pad is says nothing of the law of this one.
     """
-    if "peak_depth" not in draws:
+    if reached is None:
         return []
-    levels = {k: v for k, v in condition.items() if k in recorded.named and label_of(v) in recorded.levels(k)}
-    rows = recorded.matching(levels)
-    of_impacts = draws["peak_depth"].isel(impact=rows if rows.any() else slice(None))
-    measured = float(of_impacts.median([name for name in of_impacts.dims if name != "impact"]).max())
+    rows = _at_levels_of(recorded, condition)
+    measured = float(reached[rows if rows.any() else slice(None)].max())
     if not depth > (1 + SETTINGS.deeper) * measured:
         return []
     return beyond("peak depth in mm", 1e3 * depth, [0.0, 1e3 * measured])
+
+
+def _at_levels_of(recorded: Recorded, condition: Condition) -> Bool[np.ndarray, " impact"]:
+    """Which impacts were recorded at a condition's levels, those alone that were recorded at all."""
+    levels = {k: v for k, v in condition.items() if k in recorded.named and label_of(v) in recorded.levels(k)}
+    return recorded.matching(levels)
 
 
 def parameter_log(

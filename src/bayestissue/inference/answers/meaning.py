@@ -493,7 +493,14 @@ def _critical_draws(node: Critical, draws: xr.Dataset, recorded: Recorded, law: 
     if node.column == DROP_HEIGHT and not law.gravity:
         expected = "velocity_m_s, since this dataset states no gravity along the motion"
         raise QuestionError(node.position, DROP_HEIGHT, expected)
-    return critical_motion(node, law, lambda side, moved: _value(side, draws, recorded, moved))
+
+    def value(side: Node, moved: Law, at: np.ndarray | None) -> xr.DataArray:
+        chosen = draws if at is None else draws.isel(draw=at).assign_coords(draw=np.arange(len(at)))
+        return _value(side, chosen, recorded, moved) + xr.zeros_like(chosen[_DRAWN[0]] * chosen[_DRAWN[1]])
+
+    sizes = (draws.sizes["chain"], draws.sizes["draw"])
+    coords = {name: draws[name].to_numpy() for name in _DRAWN}
+    return xr.DataArray(critical_motion(node, law, value, sizes), coords, _DRAWN)
 
 
 def _over_levels(symbol: str, values: list[xr.DataArray]) -> xr.DataArray:
@@ -549,6 +556,9 @@ def motions_of(
     """
     if law is None:
         raise QuestionError(quantity.position, quantity.name, "a run with a law of force", str(NO_LAW))
+    if beyond_law := [condition for condition in conditions if not law.holds(recorded, condition)]:
+        expected = f"levels at which a law of force holds: {law.held(recorded, beyond_law[0])}"
+        raise QuestionError(quantity.position, quantity.name, expected, str(NO_LAW))
     if expected := unfit_height(recorded, conditions[0], law.gravity):
         raise QuestionError(quantity.position, DROP_HEIGHT, expected)
     conditions = [moving(condition, law.gravity) for condition in conditions]

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from bayestissue.dataset.cells import alike, cells_of, in_whatever_case, read_cells
 from bayestissue.elements import element
@@ -41,10 +41,12 @@ from bayestissue.inference.answers.law import (
     DROP_HEIGHT,
     MET,
     NO_LAW,
+    Law,
     deeper,
     moving,
     numbers,
     parameter_log,
+    reached_depths,
     simulated_step,
     unfit_height,
 )
@@ -79,9 +81,26 @@ class Predicted(NamedTuple):
     draws: xr.Dataset
 
 
-def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame:
-    """The table of `predicted`."""
-    return predicted(finished, conditions).table
+def predict(
+    finished: Finished, conditions: Sequence[Condition], say: Callable[[str, int, int], None] | None = None
+) -> pd.DataFrame:
+    """The table of `predicted`, made in blocks of rows, so that draws of all of them are never there at once.
+
+    Args:
+        finished: as of `predicted`.
+        conditions: likewise.
+        say: told the stage, how many rows are done, and of how many.
+    """
+    count, rng = _draws_of(finished), np.random.default_rng(_SCATTER)
+    block = max(1, SETTINGS.predicted // count)
+    step = simulated_step(count, len(conditions))
+    tables = []
+    for begin in range(0, max(1, len(conditions)), block):
+        if say is not None and len(conditions) > block:
+            say("predicting", begin, len(conditions))
+        rows = conditions[begin : begin + block]
+        tables.append(_predicted(finished, rows, step, rng).table)
+    return pd.concat(tables, ignore_index=True)
 
 
 def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
@@ -91,26 +110,40 @@ def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
         finished: the fit.
         conditions: what is given in each, by column; see `bayestissue.hierarchy.levels`.
     """
+    step = simulated_step(_draws_of(finished), len(conditions))
+    return _predicted(finished, conditions, step, np.random.default_rng(_SCATTER))
+
+
+def _draws_of(finished: Finished) -> int:
+    return finished.posterior.sizes["chain"] * finished.posterior.sizes["draw"]
+
+
+def _predicted(
+    finished: Finished, conditions: Sequence[Condition], step: int, rng: np.random.Generator
+) -> Predicted:
+    """Predictions of which every ``step``th draw is simulated, the scatter of single impacts by ``rng``."""
     recorded, posterior, which = finished.recorded, finished.posterior, element(finished.element)
     conditions = [moving(condition, finished.gravity) for condition in conditions]
     names = [*RESPONSES, *(value.name for value in which.extra)]
-    logs = _parameters(finished, names, conditions)
+    logs = _parameters(finished, names, conditions, rng)
     parameters = {name: np.exp(value) for name, value in zip(names, logs, strict=True)}
-    count = posterior.sizes["chain"] * posterior.sizes["draw"]
-    step = simulated_step(count, len(conditions))
+    count = _draws_of(finished)
     simulated = {name: value[:, ::step] for name, value in parameters.items()}
     met = {name: numbers(recorded, conditions, name) for name in MET}
-    outcomes = _outcomes(finished, simulated, met)
+    law = finished.law_of_levels
+    held = np.array([law is not None and law.holds(recorded, condition) for condition in conditions], bool)
+    outcomes = _outcomes(law, simulated, met, held)
     summarised = {name: parameters[name] for name in RESPONSES} | outcomes
     columns = COLUMNS | (HEADFORM_COLUMNS if finished.headform else OUTCOME_COLUMNS)
-    notes = _notes(finished, conditions, met["velocity_m_s"], outcomes.get("peak_depth"))
+    notes = _notes(finished, conditions, met["velocity_m_s"], outcomes.get("peak_depth"), held)
+    summary = _summary(summarised, columns)
     table = pd.DataFrame(
         [
             dict(condition)
             | {name: met[name][row] for name in ("mass_kg", "velocity_m_s")}
             | {"new": ", ".join(_new(recorded, condition))}
-            | _summary({name: value[..., row].ravel() for name, value in summarised.items()}, columns)
-            | {"draws": count, "simulated": simulated["K"][..., row].size if outcomes else 0}
+            | {name: float(values[row]) for name, values in summary.items()}
+            | {"draws": count, "simulated": simulated["K"][..., row].size if held[row] else 0}
             | {"note": "; ".join(notes[row])}
             for row, condition in enumerate(conditions)
         ]
@@ -123,17 +156,18 @@ def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
 
 
 def _outcomes(
-    finished: Finished,
+    law: Law | None,
     parameters: Mapping[str, Float[np.ndarray, "chain draw condition"]],
     met: Mapping[str, Float[np.ndarray, " condition"]],
+    held: Bool[np.ndarray, " condition"],
 ) -> dict[str, Float[np.ndarray, "chain draw condition"]]:
-    """What impacts of such parameters and motions come to; nothing without a law."""
-    if finished.law is None:
+    """What impacts of such parameters and motions come to, NaN where the law does not hold."""
+    if law is None or not held.any():
         return {}
     shape = parameters["K"].shape
     flat = {name: value.reshape(-1, shape[-1]) for name, value in parameters.items()}
-    of_law = finished.law.outcomes(flat, *(met[name] for name in MET))
-    return {name: value.reshape(shape) for name, value in of_law.items()}
+    of_law = law.outcomes(flat, *(met[name] for name in MET))
+    return {name: np.where(held, value.reshape(shape), np.nan) for name, value in of_law.items()}
 
 
 def _notes(
@@ -141,6 +175,7 @@ def _notes(
     conditions: Sequence[Condition],
     velocity: Float[np.ndarray, " condition"],
     depth: Float[np.ndarray, "chain draw condition"] | None,
+    held: Bool[np.ndarray, " condition"],
 ) -> list[list[str]]:
     """Of each condition what lacks, and what lies beyond what was measured."""
     recorded, posterior = finished.recorded, finished.posterior
@@ -156,12 +191,14 @@ def _notes(
         ]
         for condition in conditions
     ]
+    lacks: list[list[str]] = [[] if law else [NO_LAW] for law in held.tolist()]
+    alone = [ELEMENT_ALONE] * finished.element_alone
     if depth is None:
-        return [[*one, *[ELEMENT_ALONE] * finished.element_alone, NO_LAW] for one in notes]
-    depths = np.median(depth, axis=(0, 1))
+        return [[*one, *alone, *law] for one, law in zip(notes, lacks, strict=True)]
+    depths, reached = np.median(depth, axis=(0, 1)), reached_depths(posterior)
     return [
-        [*one, *(deeper(posterior, recorded, at, float(x)) if v > 0 else [NO_VELOCITY])]
-        for one, at, v, x in zip(notes, conditions, velocity, depths, strict=True)
+        [*one, *alone, *(law or (deeper(reached, recorded, at, float(x)) if v > 0 else [NO_VELOCITY]))]
+        for one, at, v, x, law in zip(notes, conditions, velocity, depths, lacks, strict=True)
     ]
 
 
@@ -198,12 +235,12 @@ def write_draws(draws: xr.Dataset, path: Path) -> None:
 
 
 def _parameters(
-    finished: Finished, names: Sequence[str], conditions: Sequence[Condition]
+    finished: Finished, names: Sequence[str], conditions: Sequence[Condition], rng: np.random.Generator
 ) -> list[Float[np.ndarray, "chain draw condition"]]:
     """Draws of the log of each parameter of a new impact in each condition."""
     draws = finished.posterior
     shape = (draws.sizes["chain"], draws.sizes["draw"], len(conditions))
-    scatter = np.random.default_rng(_SCATTER).standard_normal((len(names), *shape))
+    scatter = rng.standard_normal((len(names), *shape))
     if "residual_correlation" in draws:
         r = draws["residual_correlation"].to_numpy()[..., None]
         scatter[1] = r * scatter[0] + np.sqrt(1 - r**2) * scatter[1]
@@ -214,14 +251,19 @@ def _parameters(
     return logs
 
 
-def _summary(values: dict[str, Float[np.ndarray, " draw"]], columns: Mapping[str, str]) -> dict[str, float]:
-    """Median and 90 % interval of each quantity that there is."""
-    summary = {f"{column}{end}": np.nan for column in columns.values() for end in _QUANTILES}
+def _summary(
+    values: Mapping[str, Float[np.ndarray, "chain draw row"]], columns: Mapping[str, str]
+) -> dict[str, Float[np.ndarray, " row"]]:
+    """Median and 90 % interval of each quantity that there is, and of the others nothing."""
+    nothing = np.full(next(iter(values.values())).shape[-1], np.nan)
+    summary = {f"{column}{end}": nothing for column in columns.values() for end in _QUANTILES}
     for name, draws in values.items():
-        ends = quantiles(draws[None], list(_QUANTILES.values()))[:, 0]
-        summary |= {f"{columns[name]}{end}": float(v) for end, v in zip(_QUANTILES, ends, strict=True)}
+        of_rows = np.ascontiguousarray(draws.reshape(-1, draws.shape[-1]).T)
+        ends = quantiles(of_rows, list(_QUANTILES.values()))
+        summary |= {f"{columns[name]}{end}": v for end, v in zip(_QUANTILES, ends, strict=True)}
         if name in NEVER:
-            summary[f"{columns[name]}_never"] = float(np.isinf(draws).mean())
+            known = ~np.isnan(of_rows).any(axis=1)
+            summary[f"{columns[name]}_never"] = np.where(known, np.isinf(of_rows).mean(axis=1), np.nan)
     return summary
 
 

@@ -200,7 +200,7 @@ def _answer(finished: Finished, question: Question) -> list[dict[str, Any]]:
         if isinstance(node, Choice):
             rows = _choice(finished, node)
         else:
-            posterior = draws_of(node, finished.posterior, finished.recorded, finished.law)
+            posterior = draws_of(node, finished.posterior, finished.recorded, finished.law_of_levels)
             prior, note = _prior(finished, node)
             rows = [
                 _claim(posterior, prior, note) if claims(node) else _number(finished, node, posterior, prior)
@@ -235,24 +235,44 @@ def _number(
 def _choice(finished: Finished, node: Choice) -> list[dict[str, Any]]:
     """A row for each level: its value, the probability that it is the best, its rank, and what it loses."""
     recorded, unit = finished.recorded, unit_of(node, finished.posterior)
-    levels = alternatives(node, recorded, finished.posterior)
+    levels, unlawful = _with_a_law(finished, alternatives(node, recorded, finished.posterior))
 
     def values_in(draws: xr.Dataset) -> xr.DataArray:
-        values = [draws_of(one, draws, recorded, finished.law) for one in levels.values()]
+        values = [draws_of(one, draws, recorded, finished.law_of_levels) for one in levels.values()]
         return xr.concat(values, pd.Index(levels, name="level")).transpose("level", "chain", "draw")
 
     posterior = values_in(finished.posterior)
     prior, note = _before(finished, node, values_in)
+    left_out = Coded(f"no peaks: no law of {node.column} {', '.join(unlawful)}", "not-simulated")
     best, rank, loss = ranked(posterior, lowest=node.lowest)
     best_before = None if prior is None else ranked(prior, lowest=node.lowest)[0]
     rows = []
     for index, level in enumerate(levels):
         row = _claim(best[index], None if best_before is None else best_before[index], note)
         low, middle, high = quantiles(rank[index].to_numpy().reshape(1, -1), [0.05, 0.5, 0.95])[:, 0]
+        row["note"] = "; ".join(filter(None, [row["note"], left_out if unlawful else ""]))
         row |= {"level": level, "unit": unit, "rank": middle, "rank_low": low, "rank_high": high}
         row |= _interval(posterior[index]) | {"mcse": row["mcse"], "expected_loss": float(loss[index].mean())}
         rows.append(row)
     return rows
+
+
+def _with_a_law(finished: Finished, levels: dict[str, Node]) -> tuple[dict[str, Node], list[str]]:
+    """What a choice compares, less the levels whose outcomes follow no law, and these.
+
+    All, where two are not left.
+    """
+    recorded, law = finished.recorded, finished.law_of_levels
+    unlawful = [
+        label
+        for label, node in levels.items()
+        if law is not None
+        for quantity in outcomes_in(node, recorded)[:1]
+        if not all(law.holds(recorded, condition) for condition in conditions_of(quantity, recorded))
+    ]
+    if len(levels) - len(unlawful) < 2:
+        return levels, []
+    return {label: node for label, node in levels.items() if label not in unlawful}, unlawful
 
 
 def ranked(values: xr.DataArray, *, lowest: bool) -> tuple[xr.DataArray, xr.DataArray, xr.DataArray]:
@@ -269,7 +289,7 @@ def ranked(values: xr.DataArray, *, lowest: bool) -> tuple[xr.DataArray, xr.Data
 
 def _of_levels(finished: Finished, node: Node) -> list[Coded]:
     """What is to be known of the levels that a question names: averages, and what is beyond the measured."""
-    recorded, law, notes = finished.recorded, finished.law, []
+    recorded, law, notes = finished.recorded, finished.law_of_levels, []
     if isinstance(node, Choice):
         node = at_level(node, node.column, None, node.position)
     responses = [response for response in quantities(node) if is_response(response, recorded)]
@@ -279,14 +299,22 @@ def _of_levels(finished: Finished, node: Node) -> list[Coded]:
         columns = [level.column for level in response.levels]
         notes += average_notes(recorded, responses_of(response.name, recorded), columns)
         if response.name in OUTCOMES and law is not None and response not in searched(node):
-            conditions = [moving(one, law.gravity) for one in conditions_of(response, recorded)]
+            at_law = [one for one in conditions_of(response, recorded) if law.holds(recorded, one)]
+            conditions = [moving(one, law.gravity) for one in at_law]
             notes += law.deeper_notes(finished.posterior, recorded, conditions)
     return list(dict.fromkeys(notes))
 
 
 def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
     """Draws from the prior alone, or why there are none."""
-    return _before(finished, node, lambda prior: draws_of(node, prior, finished.recorded, finished.law))
+
+    def draws_in(prior: xr.Dataset) -> xr.DataArray:
+        if isinstance(node, Critical):
+            most = max(SETTINGS.tried_before // prior.sizes["chain"], 1)
+            prior = prior.isel(draw=slice(None, None, -(-prior.sizes["draw"] // most)))
+        return draws_of(node, prior, finished.recorded, finished.law_of_levels)
+
+    return _before(finished, node, draws_in)
 
 
 def _before(

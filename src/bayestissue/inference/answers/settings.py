@@ -20,14 +20,16 @@ class AnswerSettings:
         changed: of what is compared; where parameters change by about 1, a smaller change is rounding.
         columns_tried: of the columns of a question, the first so many are tried as terms that a formula
             lacks: products of up to three of six are 41.
-        together: impacts that are simulated at once, by code that is compiled for this number alone.
+        together: impacts of a curve.
+        at_once: impacts that are simulated at once, by code that is compiled for this number alone.
         simulated: impacts in all, draws evenly left out.
         of_a_condition: draws at the least that a condition keeps of these: 5 % quantiles of so many have a
             standard error of a tenth of the standard deviation.
+        predicted: draws of new impacts that are there at once, some hundred megabytes with all quantities.
         pictured: draws behind a picture, at the least and at the most: the ends of its band then have a
             standard error of a fifth to a tenth of the standard deviation.
         places: of a loop of force over depth, on the way in and on the way out.
-        loops_together: loops that are simulated at once, as of ``together``.
+        loops_together: loops that are simulated at once, as of ``at_once``.
         motions: of a picture, the measured masses and velocities; a fourth panel would be too small to read.
         pictured_levels: of a picture, as there are colours that all eyes tell apart.
         same_motion: difference of the log of masses or velocities below which two are drawn as one.
@@ -43,7 +45,11 @@ class AnswerSettings:
         slowest: velocity in m/s from which a claim is followed upwards; a drop from 5 mm has 0.3.
         fastest: to which it is followed; that of a drop from 46 m.
         velocities: at which it is judged, each about twice the last.
-        of_velocity: relative rounding of a velocity that is solved for.
+        tried: draws in which it is judged at all of these; in the others its end is sought near to theirs.
+        of_velocity: relative change of a velocity that is solved for, at which it is taken: the error is then
+            that of a secant's next step.
+        tried_before: draws of the prior in which it is solved for: all that is asked of them is whether they
+            are like the posterior's.
         listed: levels or columns in a message, as many as a line can show.
         around_slip: characters of a question before and after a slip, together a line.
     """
@@ -55,8 +61,10 @@ class AnswerSettings:
     changed: float = 1e-6
     columns_tried: int = 6
     together: int = 4096
+    at_once: int = 512
     simulated: int = 20_000
     of_a_condition: int = 500
+    predicted: int = 2_000_000
     pictured: tuple[int, int] = (120, 400)
     places: int = 33
     loops_together: int = 1024
@@ -72,7 +80,9 @@ class AnswerSettings:
     slowest: float = 0.01
     fastest: float = 30.0
     velocities: int = 13
-    of_velocity: float = 1e-9
+    tried: int = 39
+    of_velocity: float = 1e-6
+    tried_before: int = 256
     listed: int = 8
     around_slip: int = 60
 

@@ -46,7 +46,8 @@ def judge_force(
         the deceleration; ``form`` as it was given, ``follows`` whether its residuals are noise, and
         ``agrees``, of the others; ``slope``, of the log of what each declared mass is to be multiplied by on
         the log of that mass, where it is no chance, else 0: one factor does not put such masses right, and
-        the mass exponents are wrong by as much; ``ratio``, exp(m); ``ratio_sd``, its relative standard
+        the mass exponents are wrong by as much; ``apart``, where ratios differ between impacts, from which
+        to which in words; ``ratio``, exp(m); ``ratio_sd``, its relative standard
         deviation; ``declared_sd``, D; ``mass_factor``, its 90 % interval about the median; ``first``, what
         the first line of the run is to say, if anything; ``words``.
     """
@@ -55,7 +56,8 @@ def judge_force(
     declared = float(np.hypot(force.mass_sd, force.gain_sd))
     mean, sd = float(a.mean()), float(a.std())
     slope = _slope(posterior, declared_kg) if force.share else 0.0
-    agrees = abs(mean) <= _LIMIT * np.hypot(declared, sd) and not slope
+    apart = force.comparison.between if force.comparison.apart.any() else ""
+    agrees = abs(mean) <= _LIMIT * np.hypot(declared, sd) and not slope and not apart
     follows = not (form["structured"] or form["impacts"]["structured"])
     account = {
         "channel": channel,
@@ -64,6 +66,7 @@ def judge_force(
         "follows": follows,
         "form": form | {"words": _form_words(channel, form)},
         "slope": slope,
+        "apart": apart,
         "ratio": float(np.exp(mean)),
         "ratio_sd": sd,
         "declared_sd": declared,
@@ -86,9 +89,12 @@ def _sentences(account: dict[str, Any], *, of_mass: bool) -> tuple[str, str]:
         "size": f"{100 * abs(off):.2g} % {'more' if off > 0 else 'less'}",
         "factor": f"{middle:.4g} ({low:.4g} to {high:.4g})",
         "slope": f"{account['slope']:.2g}",
+        "between": account["apart"],
     }
     if account["slope"]:
         kind = "by_mass"
+    elif account["apart"]:
+        kind = "apart"
     elif not account["agrees"]:
         kind = "contradicted"
     elif of_mass:

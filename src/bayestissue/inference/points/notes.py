@@ -10,7 +10,7 @@ from bayestissue.dataset.model import Channel
 from bayestissue.errors import Coded
 from bayestissue.outline import first_of
 from bayestissue.remedies import entries
-from bayestissue.signal.displacement import LONGER, NO_OFFSET, ON_SAMPLE, SLOWLY, UNEVEN
+from bayestissue.signal.displacement import LONGER, NO_OFFSET, NOT_ON_SAMPLE, ON_SAMPLE, SLOWLY, UNEVEN
 from bayestissue.signal.quality.inspection import KINDS
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ _NAMED = 5
 _NOTES = (
     *(THETA1, ARCCOS, NOT_FILTERED, NOISELESS, ANOTHER_PEAK, UNUSED, PHANTOM, UNCORRECTED),
     *(NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, K_UNTOLD, C_UNTOLD, K_MOSTLY_UNTOLD, C_MOSTLY_UNTOLD),
-    *(NO_OFFSET, ON_SAMPLE, UNEVEN, LONGER, SLOWLY),
+    *(NO_OFFSET, ON_SAMPLE, NOT_ON_SAMPLE, UNEVEN, LONGER, SLOWLY),
     KINDS["contact-earlier"].flag,
     KINDS["at-limit"].flag,
 )

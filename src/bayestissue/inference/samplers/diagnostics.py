@@ -19,13 +19,14 @@ R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 _DECLARED = declared(__package__, "checks.toml")
 # What is said of single recordings, by the keys of a fit's diagnostics.
-OF_RECORDINGS = ("recordings", "clipped", "channels", "reference", "added_mass")
+OF_RECORDINGS = ("another_element", "recordings", "clipped", "channels", "reference", "added_mass")
 # Notes of a summary's rows.
 NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
 CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
 FORCE_CONTRADICTS = Coded("the force contradicts mass times deceleration", "channels-disagree")
 FORCE_OTHER_LAW = Coded("the force follows another law than the deceleration", "force-form")
 PEAK_MISSED = Coded("the recorded peak is outside the interval of peak_deceleration", "peak-missed")
+UNSETTLED = Coded("chains do not agree on it yet: do not use this row", "r-hat")
 ELEMENT_ALONE = Coded(
     "the element's own part of the force; the tissue's stiffness is K_secant", "element-alone"
 )
@@ -66,7 +67,10 @@ class Check:
 
 
 def diagnose(
-    summary: pd.DataFrame, r_hat_limit: float = R_HAT_LIMIT, of_impacts: Collection[str] = ()
+    summary: pd.DataFrame,
+    r_hat_limit: float = R_HAT_LIMIT,
+    of_impacts: Collection[str] = (),
+    unasked: Collection[str] = (),
 ) -> dict[str, Any]:
     """The verdict on a run, as it is written to ``diagnostics.json``.
 
@@ -77,10 +81,18 @@ def diagnose(
         summary: as `inference.results.summary.summarise` makes it; what it leaves open is not judged.
         r_hat_limit: what the greatest R-hat is to be below.
         of_impacts: the variables of single impacts, of which some may be above that limit: see `let_pass`.
+        unasked: those that follow from others and that nobody asked for. They fail no fit: what of them is
+            beyond a limit is not judged.
 
     Returns:
-        ``passed``, ``checks``, ``worst`` by statistic, and ``cause``: what the chains lack most of, in words.
+        ``passed``, ``checks``, ``worst`` by statistic, and ``cause``: what the chains lack most of, in words;
+        where there are some, what is ``unsettled`` and not judged.
     """
+    sizes = summary[["ess_bulk", "ess_tail"]].min(axis=1)
+    beyond = (summary["r_hat"] >= r_hat_limit) | (sizes <= ESS_LIMIT)
+    unsettled = beyond & summary["variable"].isin(list(unasked))
+    not_judged = [_named(row) for _, row in summary[unsettled].iterrows()]
+    summary = summary[~unsettled]
     judged, single = np.ones(len(summary), bool), summary["variable"].isin(list(of_impacts)).to_numpy()
     judged[single] = ~let_pass(summary["r_hat"].to_numpy(float)[single], r_hat_limit)
     worst = {column: _worst(summary, column) for column in ("r_hat", "ess_bulk", "ess_tail")}
@@ -95,6 +107,7 @@ def diagnose(
         "checks": [asdict(check) for check in checks],
         "worst": worst,
         "cause": "" if passed else _cause(summary[judged], r_hat_limit, of_impacts),
+        **({"unsettled": not_judged} if not_judged else {}),
     }
 
 
@@ -169,6 +182,8 @@ def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
     all_rows, label = np.ones(len(summary), bool), summary["label"].astype(str)
     note = np.full(len(summary), "", dtype=object)
+    if unsettled := set(diagnostics.get("unsettled", ())):
+        note[[_named(row) in unsettled for _, row in summary.iterrows()]] = UNSETTLED
     if "discrepancy" in form:
         note[summary["variable"].map(of_element_alone)] = ELEMENT_ALONE
     if peaks := diagnostics.get("recorded_peak"):

@@ -93,11 +93,11 @@ def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
 
 
 def repeats(run: FitRun, quantity: str) -> pd.DataFrame:
-    """Two successive measurements of one person, by the thesis's method: their ``ratio`` over their ``mean``.
+    """Two successive measurements of one person, posterior medians: their ``ratio`` over their ``mean``.
 
     In the same condition where people were hit again in it, else from condition to condition.
     """
-    table = run.impacts_table.assign(value=run.estimates_by_method[quantity]["dds"].to_numpy())
+    table = run.impacts_table.assign(value=run.estimates_by_method[quantity]["median"].to_numpy())
     table = table[table["value"] > 0]
     levels = of_impacts.factors(table)
     if not table.duplicated(levels).any():

@@ -13,6 +13,7 @@ from bayestissue.dataset.model import Dataset
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
 from bayestissue.remedies import entries
+from bayestissue.signal.contact import since_release
 from bayestissue.signal.displacement import displacements
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import beginning, law, samples, velocity
@@ -140,6 +141,8 @@ def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Imp
     sign = -1.0 if part.quantity == "acceleration" else 1.0
     recordings = stack(part.traces)
     recordings = recordings.signed(sign)
+    if part.quantity != "displacement":
+        recordings = since_release(recordings)
     recorded = Recorded.from_recordings(recordings)
     limited = np.zeros(len(recordings.n), int)
     if recordings.clipped is not None:
