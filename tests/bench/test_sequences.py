@@ -377,7 +377,8 @@ class AtTheBench(RuleBasedStateMachine):
             patch.setattr(Path, "replace", replaced)
             self.look()
             self.look()
-        self.watch = None
+        # Begun again before anybody writes into a table that lacks what the list has.
+        self.start()
         self.hear()
 
     @precondition(lambda self: self.may_go_on() and self.watch)
