@@ -150,6 +150,16 @@ def test_slips_are_named_by_their_array():
             bt.impact(time, np.sin(300 * time), mass_kg=1.0, velocity_m_s=1.0, **{name: value})
 
 
+def test_too_few_samples_until_zero_velocity_take_the_rebound_and_say_so(example):
+    trace, about = example.traces[5], example.impacts.iloc[5]
+    met = {name: about[name] for name in ("mass_kg", "velocity_m_s")}
+    whole, few = (bt.impact(trace.time_s[3::n], trace.value[3::n], **met) for n in (1, 30))
+    assert few.flags == ()
+    assert "few samples until zero velocity: the window goes on to the rebound" in repr(few)
+    assert few.row["K_N_per_m"] == pytest.approx(whole.row["K_N_per_m"], rel=0.03)
+    assert "NaN" not in few.plot().svg()
+
+
 def test_too_few_samples_give_no_estimate_and_say_so():
     # One blow of five samples could not be read; the mass bounces.
     blow, rest = 100 * np.sin(np.pi * (np.arange(5) + 0.5) / 5), np.zeros(5)

@@ -76,8 +76,8 @@ class Check(Outlined):
         too_short = int((self.signal.n_below_limit < FEWEST_SAMPLES).sum())
         if not too_short:
             return fine
-        count = len(self.dataset.impacts)
-        return f"{fine}, and {too_short} of {count} impacts too short to be fitted (see the warnings)"
+        of_all = counted(len(self.dataset.impacts), "impact")
+        return f"{fine}, and {too_short} of {of_all} too short to be fitted (see the warnings)"
 
     @property
     def notes(self) -> list[str]:

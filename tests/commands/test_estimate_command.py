@@ -140,6 +140,19 @@ def test_impacts_of_too_few_samples_have_rows_without_numbers(
     assert "the window goes on to the rebound in 2 of 2 impacts" in capsys.readouterr().out
 
 
+def test_one_impact_is_said_to_be_one(dataset: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    impacts, traces = pd.read_csv(dataset / "impacts.csv")[:2], pd.read_csv(dataset / "traces.csv.gz")
+    impacts.loc[1, "mass_kg"] = -1.0
+    settings = {"name": "one", "signal": {"quantity": "deceleration", "unit": "m/s^2"}}
+    traces = traces[traces["impact"].isin(impacts["impact"])]
+    write_dataset(tmp_path / "one", settings=settings, impacts=impacts, traces=traces)
+    assert bayestissue(monkeypatch, "check", tmp_path / "one", "--skip-bad") == 0
+    assert "without the 1 impact left out" in " ".join(capsys.readouterr().out.split())
+    out = tmp_path / "run"
+    assert bayestissue(monkeypatch, "estimate", tmp_path / "one", "--out", out, "--skip-bad") == 0
+    assert "one: 1 impact, " in capsys.readouterr().out
+
+
 def test_a_folder_that_is_not_empty_is_not_replaced(dataset: Path, tmp_path: Path, monkeypatch) -> None:
     (tmp_path / "mine.txt").write_text("keep")
     assert bayestissue(monkeypatch, "estimate", dataset, "--out", tmp_path) == 2

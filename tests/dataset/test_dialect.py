@@ -187,7 +187,7 @@ def test_rows_that_break_are_one_problem_with_the_first_place(tmp_path: Path) ->
         read_table(path, "a.csv", numbers=None, remedy="")
     (problem,) = refused.value.problems
     assert problem.row == 5
-    assert "1 more rows are like this" in problem.remedy
+    assert "1 more row is like this" in problem.remedy
 
 
 @pytest.mark.parametrize(

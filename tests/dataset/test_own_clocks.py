@@ -99,6 +99,15 @@ def test_twelve_clocks_of_two_channels_are_right(kind: str, how: str, tmp_path: 
     require_truth(read_dataset(dataset_of(tmp_path, f"a.{kind}", time)), first, own)
 
 
+@pytest.mark.parametrize("x_columns", ["One", "Multi"])
+def test_x_values_of_labview_count_from_each_channel_s_time(x_columns: str, tmp_path: Path) -> None:
+    first, own = clocks("late")
+    each = {"Acc": pulse(first), "Force": MASS * pulse(own)}
+    begun = ["23:59:59.9980000", "0:00:00.0020000"]
+    lvm(tmp_path / "a.lvm", first, each, x_columns=x_columns, unit="", begun=begun)
+    require_truth(read_dataset(dataset_of(tmp_path, "a.lvm", None)), first, own)
+
+
 @pytest.mark.parametrize("force_first", [False, True])
 def test_init_leaves_each_channel_its_clock(force_first: bool, tmp_path: Path) -> None:
     (folder := tmp_path / "recorded").mkdir()

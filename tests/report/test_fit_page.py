@@ -113,7 +113,7 @@ def test_the_page_tells_chain_scores_priors_limits_and_provenance(html):
         "sd_trial_K (potential prior-data conflict)",
         "models/impact.toml",
         "θ₁ follows from K, C and the sampling interval",
-        "1 impacts were left out",
+        "1 impact was left out",
         "0123456789abcdef",
     ):
         assert words in text

@@ -97,7 +97,7 @@ def _print(data: Dataset, estimates: pd.DataFrame, out: Path) -> None:
         low, median, high = people[name].quantile([0.05, 0.5, 0.95])
         rows.append((words, *estimated(median, low, high)))
     which = "these impacts" if len(people) == len(estimates) else "people's impacts"
-    title = f"{data.name}: {len(estimates)} impacts, {flagged} flagged"
+    title = f"{data.name}: {counted(len(estimates), 'impact')}, {flagged} flagged"
     show(table(title, (which, "median", "5 % below", "95 % below"), rows))
     if estimates["K_N_per_m"].isna().all():
         remedies = (entries()[code] for code in codes_in("; ".join(estimates["flags"])))

@@ -28,6 +28,7 @@ def run(
     with claim(out, overwrite=overwrite, command="simulate", inputs=(specification,)) as target:
         configure()
         from bayestissue.commands.console import echo
+        from bayestissue.outline import counted
         from bayestissue.simulation import read_simulation, simulate, write_campaign
 
         simulation = read_simulation(specification)
@@ -38,8 +39,8 @@ def run(
             write_campaign(staging, campaign, simulation)
             _write_specification(staging / "truth.toml", specification, simulation.seed)
         if not quiet:
-            impacts, samples = len(campaign.impacts), len(campaign.value)
-            echo(f"wrote {target.path}: {impacts} impacts, {samples} samples, seed {simulation.seed}")
+            impacts, samples = counted(len(campaign.impacts), "impact"), len(campaign.value)
+            echo(f"wrote {target.path}: {impacts}, {samples} samples, seed {simulation.seed}")
 
 
 def _write_specification(path: Path, specification: Path, seed: int) -> None:

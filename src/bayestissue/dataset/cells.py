@@ -232,7 +232,8 @@ def ragged_problem(
     """
     row, cells, text = ragged[0]
     comma = "; decimals need a point, not a comma, or quotes" if delimiter == "," else ""
-    more = f" {len(ragged) - 1} more rows are like this." if len(ragged) > 1 else ""
+    like_it = len(ragged) - 1
+    more = f" {counted(like_it, 'more row is', 'more rows are')} like this." if like_it else ""
     words: dict[str, Any] = {"columns": counted(columns, "cell"), "comma": comma, "more": more}
     key = "cells-in-a-row.recording" if header_row else "cells-in-a-row.number"
     value = f"{cells} cells: {text}"

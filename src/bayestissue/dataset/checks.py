@@ -21,6 +21,7 @@ from bayestissue.dataset.recordings import EVEN_WITHIN, MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.settings import FILE
 from bayestissue.dataset.twins import twins
 from bayestissue.errors import Problem
+from bayestissue.outline import counted
 
 _FALLS = "a speed that falls by {:.4g} m/s"
 
@@ -72,7 +73,8 @@ def _sample_problems(recordings: Recordings) -> Iterator[Problem]:
         owners, first, count = np.unique(samples.owner[bad], return_index=True, return_counts=True)
         for which, at, times in zip(owners, bad[first], count, strict=True):
             cell = samples.text.get(int(at), str(values[at])) or "an empty cell"
-            more = f" {times - 1} more samples of this impact are like this." if times > 1 else ""
+            like_it = counted(times - 1, "more sample of this impact is", "more samples of this impact are")
+            more = f" {like_it} like this." if times > 1 else ""
             yield recordings.problem("not-a-number.cell", which, cell, at=at, column=column, more=more)
     few = samples.count < MIN_SAMPLES
     yield from recordings.where(

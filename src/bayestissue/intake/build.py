@@ -29,7 +29,7 @@ from bayestissue.intake.choices import Choices, require_steady
 from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.intake.names import bare_name
-from bayestissue.outline import first_of
+from bayestissue.outline import counted, first_of
 from bayestissue.signal.displacement import displacements
 from bayestissue.signal.settings import CONTACT
 from bayestissue.signal.traces import noise_sd, stack
@@ -314,7 +314,8 @@ class _Plan:
         stretches = cut(trace, threshold=self.cutting.threshold, separation_s=self.cutting.separation_s)
         if not stretches or (numbers and sorted(numbers) != list(range(1, len(stretches) + 1))):
             key = "several-impacts.table" if numbers else "several-impacts.none"
-            raise InputError.stated(key, file.name, value=f"{len(stretches)} impacts", count=len(numbers))
+            found = counted(len(stretches), "impact")
+            raise InputError.stated(key, file.name, value=found, count=len(numbers))
         return [
             {
                 **self.facts.of_number.get((file.name, number), common),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayestissue.dataset.model import Channel
 from bayestissue.errors import Coded
-from bayestissue.outline import first_of
+from bayestissue.outline import counted, first_of
 from bayestissue.remedies import entries
 from bayestissue.signal.displacement import LONGER, NO_OFFSET, NOT_ON_SAMPLE, ON_SAMPLE, SLOWLY, UNEVEN
 from bayestissue.signal.quality.inspection import KINDS
@@ -136,5 +136,5 @@ def said_once(notes: Iterable[str]) -> list[str]:
     meanings: dict[str, list[str]] = {}
     for note, count in counts.most_common():
         meaning = entries()[code[note]].advice if note in code else ""
-        meanings.setdefault(meaning, []).append(f"{note} in {count} of {len(rows)} impacts")
+        meanings.setdefault(meaning, []).append(f"{note} in {count} of {counted(len(rows), 'impact')}")
     return [f"{', '.join(said)}. {meaning}".strip() for meaning, said in meanings.items()]
