@@ -289,6 +289,171 @@ def test_files_that_are_renamed_take_the_facts_of_their_new_names(bench: Bench) 
     assert "copy_1kg.csv: the same recording as 2_1.2kg.csv; not taken twice" in said(watch)
 
 
+@pytest.mark.parametrize("how", ["cut", "left out", "deleted", "half written"])
+@pytest.mark.parametrize("restart", [False, True])
+def test_a_file_that_changes_beside_a_new_one_holds_its_row(bench: Bench, how: str, restart: bool) -> None:
+    watch = bench.begin()
+    bench.record("d1.csv", at_s=1e9)
+    bench.record("d2.csv", 20.0, at_s=1e9 + 1)
+    if how in ("cut", "half written"):
+        (bench.recorded / "d2.csv").write_text("time_s,value\n0.0,1\n")
+        os.utime(bench.recorded / "d2.csv", (1e9 + 1, 1e9 + 1))
+    if how == "deleted":
+        bench.spoilt.add("d2")
+    watch.catch_up(0)
+    if how == "left out":
+        (bench.out / "left_out.csv").write_text("impact,reason\nd2,hit the frame\n")
+    if how == "deleted":
+        (bench.recorded / "d2.csv").unlink()
+        watch.catch_up(0)
+        bench.spoilt.clear()
+    watch = bench.begin() if restart else watch
+    if how == "half written":
+        # It is still written when 3 comes.
+        bench.record("d3.csv", at_s=1e9 + 3)
+        (bench.recorded / "d2.csv").write_text("time_s,value\n0.0,1\n0.1,2\n")
+        os.utime(bench.recorded / "d2.csv", (1e9 + 2, 1e9 + 2))
+        watch.look()
+    bench.record("d2.csv", 21.0, at_s=1e9 + 2)
+    for name in ("d3", "d4", "d5"):
+        bench.record(f"{name}.csv", at_s=1e9 + int(name[1]))
+    watch.catch_up(0)
+    assert bench.masses == bench.in_order("d1", "d2", "d3", "d4", "d5")
+
+
+def test_a_file_that_changes_after_its_row_was_filled_is_looked_at(bench: Bench) -> None:
+    watch = bench.begin()
+    bench.record("d1.csv")
+    (bench.recorded / "d2.csv").write_text("time_s,value\n0.0,1\n")
+    watch.catch_up(0)
+    bench.record("d3.csv")
+    watch.catch_up(0)
+    assert bench.masses == {"d1": 0.5, "d3": 0.6}
+    bench.record("d4.csv")
+    bench.record("d2.csv", 21.0)
+    for begun in (lambda: watch, bench.begin):
+        with pytest.raises(InputError, match=r"d2\.csv.*the row of d3\.csv"):
+            begun().catch_up(0)
+    assert watch.last[1].kind == "look"
+    assert bench.masses == {"d1": 0.5, "d3": 0.6}
+    # A person says which is right.
+    (bench.recorded / "d2.csv").rename(bench.recorded / "d5.csv")
+    watch.catch_up(0)
+    assert bench.masses == {"d1": 0.5, "d3": 0.6} | {"d4": 0.7, "d5": 0.8}
+
+
+def test_two_drops_in_use_share_no_row_by_a_decision(bench: Bench) -> None:
+    watch = bench.begin()
+    for number in range(1, 4):
+        bench.record(f"d{number}.csv")
+        watch.catch_up(0)
+        if number == 2:
+            watch.decide("d2", "hit the frame")
+    assert bench.masses == {"d1": 0.5, "d2": 0.6, "d3": 0.6}
+    with pytest.raises(InputError, match=r"d2\.csv.*the row of d3\.csv"):
+        watch.decide("d2", "")
+    (bench.out / "left_out.csv").write_text("impact,reason\n")
+    bench.record("d4.csv")
+    with pytest.raises(InputError, match="d2 and d3"):
+        watch.catch_up(0)
+    watch.decide("d3", "a second one")
+    watch.catch_up(0)
+    assert bench.masses == {"d1": 0.5, "d2": 0.6, "d3": 0.6, "d4": 0.7}
+
+
+def test_a_drop_that_is_overwritten_by_what_cannot_be_read_is_left_out_until_it_is_back(bench: Bench) -> None:
+    watch = bench.begin()
+    bench.record("d1.csv")
+    watch.catch_up(0)
+    whole = (bench.recorded / "d1.csv").read_bytes()
+    (bench.recorded / "d1.csv").write_text("time_s,value\n0.0,1\n")
+    watch.catch_up(0)
+    assert reasons(bench.out) == {"d1": drops_module.UNREADABLE}
+    assert watch.left()[0] == {"mass_kg": 0.5}
+    watch = bench.begin()
+    (bench.recorded / "d1.csv").write_bytes(whole)
+    watch.catch_up(0)
+    assert (reasons(bench.out), watch.left()[0]) == ({}, {"mass_kg": 0.6})
+    # Or until a person uses it all the same.
+    (bench.recorded / "d1.csv").write_text("time_s,value\n0.0,1\n")
+    watch.catch_up(0)
+    watch.decide("d1", "")
+    bench.record("d1.csv", 55.0)
+    bench.record("d2.csv")
+    watch.catch_up(0)
+    assert (bench.masses, reasons(bench.out)) == (bench.in_order("d1", "d2"), {})
+
+
+def test_names_that_were_swapped_within_an_order_are_looked_at(bench: Bench) -> None:
+    watch = bench.begin()
+    for name in ("d1", "d2"):
+        bench.record(f"{name}.csv")
+        watch.catch_up(0)
+    swap = (("d1", "spare"), ("d2", "d1"), ("spare", "d2"))
+    for old, new in swap:
+        (bench.recorded / f"{old}.csv").rename(bench.recorded / f"{new}.csv")
+    with pytest.raises(InputError, match=r"d[12]\.csv.*d[12]\.csv"):
+        watch.catch_up(0)
+    for old, new in swap:
+        (bench.recorded / f"{old}.csv").rename(bench.recorded / f"{new}.csv")
+    watch.catch_up(0)
+    assert bench.masses == bench.in_order("d1", "d2")
+    # Nor is what has the former name of a renamed drop another drop for sure.
+    (bench.recorded / "d2.csv").rename(bench.recorded / "d7.csv")
+    bench.record("d2.csv", 33.0)
+    with pytest.raises(InputError, match=r"d2\.csv.*d7\.csv"):
+        watch.catch_up(0)
+
+
+def test_a_name_unlike_the_others_takes_no_row_that_another_may_have(bench: Bench) -> None:
+    bench.record("a note.csv", at_s=1e9)
+    for number in range(1, 4):
+        bench.record(f"d{number}.csv", at_s=1e9 + number)
+    with pytest.raises(InputError, match=r"a note\.csv.*alike but for their numbers"):
+        bench.begin().catch_up(0)
+    (bench.recorded / "a note.csv").unlink()
+    bench.begin().catch_up(0)
+    assert bench.masses == bench.in_order("d1", "d2", "d3")
+
+
+def test_a_file_that_is_renamed_before_it_was_judged_is_looked_at(bench: Bench) -> None:
+    (bench.recorded / "d1.csv").write_text("time_s,value\n0.0,1\n")
+    (bench.recorded / "d2.csv").write_bytes(b"")
+    watch = bench.begin()
+    watch.catch_up(0)
+    (bench.recorded / "d2.csv").unlink()
+    bench.record("d3.csv")
+    with pytest.raises(InputError, match=r"d3\.csv.*d2\.csv, which had a row"):
+        watch.catch_up(0)
+    whole = (bench.recorded / "d3.csv").read_bytes()
+    (bench.recorded / "d3.csv").unlink()
+    watch.catch_up(0)
+    (bench.recorded / "d3.csv").write_bytes(whole)
+    watch.catch_up(0)
+    assert bench.masses == {"d3": 0.5}
+
+
+def test_a_file_that_is_gone_is_in_nobodys_way_where_the_order_names_files(bench: Bench) -> None:
+    bench.order(MASSES[:3], ["d1", "d2", "d3"])
+    (bench.recorded / "d1.csv").write_bytes(b"")
+    watch = bench.begin()
+    watch.catch_up(0)
+    (bench.recorded / "d1.csv").unlink()
+    bench.record("d3.csv")
+    watch.catch_up(0)
+    assert bench.masses == {"d3": 0.7}
+
+
+def test_a_decision_on_the_page_follows_what_was_written_by_hand_before(bench: Bench) -> None:
+    bench.record("d1.csv")
+    watch = bench.begin()
+    watch.catch_up(0)
+    (bench.out / "left_out.csv").write_text("impact,reason\nd1,hit the frame\n")
+    watch.decide("d1", "")
+    watch.catch_up(0)
+    assert reasons(bench.out) == {}
+
+
 def test_a_file_renamed_within_an_order_keeps_its_row(bench: Bench) -> None:
     watch = bench.begin()
     for name in ("d1.csv", "d2.csv"):
@@ -471,10 +636,11 @@ def test_a_list_that_is_damaged_is_made_anew_from_the_tables(bench: Bench) -> No
         assert "watch.json was damaged" in said(watch)
         assert {name: (bench.out / name).read_bytes() for name in tables} == tables
         assert [drop.file for drop in watch.drops] == ["d1.csv", "d2.csv", "d3.csv"]
+    # The row of d2 is still to be filled; it holds it if it changes.
+    bench.record("d2.csv", 44.0, at_s=1e9)
     bench.record("d4.csv")
     watch.catch_up(0)
-    # The row of d2 is still to be filled.
-    assert bench.masses == bench.in_order("d1", "d2", "d3") | {"d4": MASSES[1]}
+    assert bench.masses == bench.in_order("d1", "d2", "d3", "d4")
 
 
 def test_campaigns_and_orders_that_are_cut_short_are_refused_or_read(bench: Bench) -> None:

@@ -45,6 +45,7 @@ from bayestissue.settings import parse_toml, read_text
 
 LIST = "watch.json"
 BY_HAND = "its row was taken out of impacts.csv"
+UNREADABLE = "its file was overwritten by a recording that can't be used"
 # Of a dataset, what may be said of it without another campaign being meant.
 _DESCRIPTION = ("description", "licence", "source")
 
@@ -103,7 +104,7 @@ class Drop:
     @property
     def decided(self) -> bool:
         """Whether a person, not the verdict, left it out or uses it."""
-        return self.left_out != (self.reason if is_spoilt(self.code) else "")
+        return self.left_out not in (UNREADABLE, self.reason if is_spoilt(self.code) else "")
 
 
 @dataclass
@@ -119,7 +120,7 @@ class _Memory:
     order: list[Cells] = field(default_factory=list)
     chosen: dict[str, str] = field(default_factory=dict)
     tables: dict[str, tuple[str, str]] = field(default_factory=dict)
-    refused: list[str] = field(default_factory=list)
+    refused: dict[str, str] = field(default_factory=dict)
     others: list[Cells] = field(default_factory=list)
     strange: dict[str, str] = field(default_factory=dict)
 
@@ -131,7 +132,7 @@ class Drops:
         folder: of the dataset.
         all: the drops, in the order in which they were taken.
         rows: of each recorder's file that was judged, by its name, the number of its row of the order.
-        refused: those of these files that were no drop as they were.
+        refused: of files that were no drop as they were, the SHA-256 that they then had.
         order: the rows of the order as they were when the list was last written.
         chosen: facts of the next drops, as they were set on the page.
         version: counts changes of any kind.
@@ -150,7 +151,7 @@ class Drops:
         self.folder, self.campaign, self.version = folder, campaign, 0
         self.all: list[Drop] = []
         self.rows: dict[str, int] = {}
-        self.refused: list[str] = []
+        self.refused: dict[str, str] = {}
         self.order: list[Cells] = []
         self.chosen: dict[str, str] = {}
         self.notes: list[str] = []
@@ -357,12 +358,34 @@ class Drops:
         Raises:
             OSError: the list can't be written; it then is as it was.
         """
-        before = self.all
+        before = self.all, self.rows, self.refused
         drop.changed = self.version = self.version + 1
         known = self.of_file(earlier or drop.file)
-        self.all = [drop if listed is known else listed for listed in before] + [drop] * (known is None)
-        self.refused = [name for name in self.refused if name != drop.file]
-        self._write_or(lambda: setattr(self, "all", before))
+        self.all = [drop if listed is known else listed for listed in self.all] + [drop] * (known is None)
+        self.refused = {name: sha256 for name, sha256 in self.refused.items() if name != drop.file}
+        if earlier in self.rows:
+            # A row goes with its recording.
+            self.rows = {drop.file if name == earlier else name: at for name, at in self.rows.items()}
+
+        def undo() -> None:
+            self.all, self.rows, self.refused = before
+
+        self._write_or(undo)
+
+    def refuse(self, file: str, sha256: str) -> None:
+        """Keep that a file was no drop as it was; the drop that it held before is left out.
+
+        Raises:
+            OSError: that can't be written.
+        """
+        drop = self.of_file(file)
+        if drop is not None and not drop.left_out:
+            drop.left_out = UNREADABLE
+            self._note(drop, f"{drop.impact}: left out: {UNREADABLE}")
+        elif self.refused.get(file) == sha256:
+            return
+        self.refused[file] = sha256
+        self.write()
 
     def decide(self, impact: str, reason: str) -> Drop:
         """Leave a drop out for this reason, or use it again where the reason is empty.

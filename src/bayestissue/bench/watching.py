@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.bench.campaign import Campaign
-from bayestissue.bench.drops import Drop, Drops, dataset_of, several
+from bayestissue.bench.drops import UNREADABLE, Drop, Drops, dataset_of, several
 from bayestissue.bench.following import Follower, Stamp, listing
 from bayestissue.bench.order import Order
 from bayestissue.bench.study import Study
@@ -65,6 +65,10 @@ class Line(NamedTuple):
     text: str
 
 
+class _RowHeldError(InputError):
+    """A row of the order would have two drops: a person says which of them is right."""
+
+
 class Watch:
     """A campaign that is being watched; its methods may be called from several threads.
 
@@ -92,7 +96,14 @@ class Watch:
         self._said: set[str] = set()
         # Of recordings that lost their place in the list to another, why they were left out.
         self._decided: dict[str, str] = {}
+        # Files that were judged and are others now: each holds its row until it is judged anew.
+        self._changed: set[str] = set()
         order.require_same(drops.order, drops.rows)
+        for drop in [drop for drop in drops if order.rows and drop.file not in drops.rows]:
+            # Where the list was lost: each has the first row that is open after those before it.
+            left = self._left([other for other in drops if other.file in drops.rows])
+            at = next((at for at, row in left.items() if row.items() <= drop.cells.items()), None)
+            drops.rows |= {} if at is None else {drop.file: at}
         drops.order = list(order.rows) or drops.order
         self._incoming = drops.folder / _INCOMING
         require_left_over(self._incoming)
@@ -180,18 +191,30 @@ class Watch:
             waiting = self._give_rows(listed)
         ready = tuple(name for name in ready if name not in waiting)
         trouble = None
+        held = False
         for name in ready:
             self._follower.settled[name] = listed[name]
             try:
                 with self._lock:
                     self._take(name)
+            except _RowHeldError as error:
+                self._follower.settled.pop(name)
+                self._wait(error.problems[0])
+                held = True
+                break
             except OSError as error:
                 # It may be there, or free, at the next look.
                 self._follower.settled.pop(name)
                 trouble = error
         if trouble:
             raise trouble
-        return bool(ready)
+        return bool(ready) and not held
+
+    def _wait(self, problem: Problem) -> None:
+        """Stop, and say what a person has to look at."""
+        self._waiting = InputError(problem)
+        self.last = str(problem.file), Verdict("look", _in_short(problem))
+        self._once(f"{problem.file}: look: {_in_short(problem)}")
 
     def _take_corrections(self) -> None:
         """Take what a person wrote into the dataset, and judge drops anew whose facts were corrected."""
@@ -218,7 +241,8 @@ class Watch:
                 "further": drop.further,
             }
             fields |= {"changed": self.drops.version}
-            fields |= {"left_out": drop.left_out} if drop.decided or not drop.taken else {}
+            keeps = drop.decided or not drop.taken or drop.left_out == UNREADABLE
+            fields |= {"left_out": drop.left_out} if keeps else {}
             self.drops.all = [
                 replace(fresh, **fields) if earlier is drop else earlier for earlier in self.drops.all
             ]
@@ -230,43 +254,130 @@ class Watch:
             self.drops.write()
 
     def _give_rows(self, listed: Mapping[str, Stamp]) -> set[str]:
-        """Give new files their rows of the order, each for good; those that have to wait for a person."""
-        rows, drops = self.drops.rows, self.drops
-        for name in [name for name in rows if name not in listed and not drops.of_file(name)]:
-            del rows[name]
-            drops.refused = [refused for refused in drops.refused if refused != name]
-        taken = {drop.file for drop in drops}
-        new = [n for n in listed if n not in rows and n not in taken and n not in self._follower.settled]
-        if not new or not self.order.rows:
+        """Give files that nobody has judged their rows of the order; those that have to wait for a person."""
+        if not self.order.rows:
             return set()
-        new = self._first_seen(new, listed)
-        # A name that is unlike all others, but for its numbers, may be no drop's: the others come first.
-        shapes = Counter(_shape(name) for name in new)
-        alone = {name for name in new if shapes[_shape(name)] == 1 < max(shapes.values())}
-        by_name = sorted(new, key=lambda name: (name in alone, natural(name)))
-        by_time = sorted(by_name, key=lambda name: (name in alone, listed[name].modified_ns))
-        row_of, facts = self._rows_of(by_name if self.campaign.files_by == "names" else by_time)
-        problem = None
-        if self.campaign.files_by is None and facts != self._rows_of(by_name)[1]:
-            problem = Problem.stated(
-                "no-campaign.sequence",
-                str(self.recordings),
-                value=_in_a_row(by_time),
-                names=_in_a_row(by_name),
-            )
-        elif len(new) > 1 and any(lacking for lacking, _ in facts.values()) and row_of:
-            problem = Problem.stated("no-campaign.more-files", str(self.recordings), value=_in_a_row(by_time))
-        elif late := self._late(row_of, listed):
-            problem = Problem.stated("no-campaign.late", str(self.recordings), value=late)
-        if problem:
-            self._waiting = InputError(problem)
-            self.last = str(self.recordings), Verdict("look", _in_short(problem))
-            self._once(f"{self.recordings}: look: {_in_short(problem)}")
-            return set(new)
-        if row_of:
-            rows.update(row_of)
+        drops = self.drops
+        judged = {*drops.refused, *(drop.file for drop in drops)} - self._changed
+        new, reused = self._unseen(listed)
+        gone = {name: at for name, at in drops.rows.items() if name not in listed and name not in judged}
+        for name in drops.rows.keys() - {*listed, *(drop.file for drop in drops)}:
+            del drops.rows[name]
+        row_of, problem = self._rows_in_order(new, gone, listed)
+        if reused:
+            (name, now), *_ = reused.items()
+            problem = Problem.stated("no-campaign.row-held", name, value=f"the name that {now} had")
+        if problem := self._twice() or problem:
+            drops.rows.update(gone)
+            self._wait(problem)
+            # Verdicts wait too: they would open rows that new files then seem to have.
+            return {*listed}
+        first = row_of.keys() - drops.rows.keys()
+        self._changed |= row_of.keys() - first
+        if first:
+            drops.rows.update(row_of)
             drops.write()
         return set()
+
+    def _rows_in_order(
+        self, new: Sequence[str], gone: Mapping[str, int], listed: Mapping[str, Stamp]
+    ) -> tuple[dict[str, int], Problem | None]:
+        """The rows that files take in the order of their recording, and what leaves that open."""
+        folder, rows = str(self.recordings), self.drops.rows
+        by_name = sorted(new, key=natural)
+        by_time = sorted(by_name, key=lambda name: listed[name].modified_ns)
+        in_order = by_name if self.campaign.files_by == "names" else by_time
+        row_of, facts = self._rows_of(in_order)
+        first = {name: at for name, at in row_of.items() if name not in rows}
+        # One that is gone may have got a new name, by which a row can be its own.
+        named = {name: self.campaign.named(name, suffix_of(Path(name))) for name in first}
+        all_rows = self.order.named(self._people())
+        lost = [
+            at
+            for at in sorted(gone.values())
+            if any(self.order.row_for(name, {at: all_rows[at]}, cells) == at for name, cells in named.items())
+        ]
+        if [*first.values()][: len(lost)] != lost:
+            value, names = _in_a_row([*first]), _in_a_row([*gone])
+            return row_of, Problem.stated("no-campaign.gone", folder, value=value, names=names)
+        # A name that is unlike all others, but for its numbers, may be no drop's.
+        shapes = Counter(_shape(name) for name in new)
+        alone = [name for name in by_name if shapes[_shape(name)] == 1 < max(shapes.values())]
+        if facts != self._rows_of(sorted(in_order, key=lambda name: name in alone))[1]:
+            return row_of, Problem.stated("no-campaign.alone", folder, value=_in_a_row(alone))
+        if self.campaign.files_by is None and facts != self._rows_of(by_name)[1]:
+            value, names = _in_a_row(by_time), _in_a_row(by_name)
+            return row_of, Problem.stated("no-campaign.sequence", folder, value=value, names=names)
+        if len(new) > 1 and any(lacking for lacking, _ in facts.values()) and row_of:
+            return row_of, Problem.stated("no-campaign.more-files", folder, value=_in_a_row(by_time))
+        for name in [name for name in new if name in rows and name not in row_of]:
+            others = [other for other, at in rows.items() if at == rows[name] and other != name]
+            value = f"the row of {_in_a_row(others)}"
+            return row_of, Problem.stated("no-campaign.row-held", name, value=value)
+        late = self._late(first, listed)
+        return row_of, Problem.stated("no-campaign.late", folder, value=late) if late else None
+
+    def _unseen(self, listed: Mapping[str, Stamp]) -> tuple[list[str], dict[str, str]]:
+        """Files that hold a recording of their own which has no row yet: new ones, and changed ones.
+
+        A drop in use keeps its row while its file changes. A recording that was only renamed or copied is no
+        other one. Second come names that have another recording, by the names that their own got.
+        """
+        drops = self.drops
+        of_file = {drop.file: drop for drop in drops}
+        other = {name for name, stamp in listed.items() if self._follower.settled.get(name) != stamp}
+        self._changed &= other
+        judged = {*drops.refused, *of_file} - {drop.file for drop in drops if drop.good}
+        new = other - {*drops.rows, *of_file} | (other & judged) - self._changed
+        sizes = Counter([listed[name].size for name in new] + [drop.stamp.size for drop in drops])
+        known = {sha256: name for name, sha256 in drops.refused.items()}
+        known |= {drop.sha256: drop.file for drop in drops}
+        unseen: list[str] = []
+        reused: dict[str, str] = {}
+        for name in sorted(new, key=lambda name: (listed[name].modified_ns, natural(name))):
+            size, sha256 = listed[name].size, ""
+            if name in judged or (size and (drops.refused or sizes[size] > 1)):
+                sha256 = file_sha256(self.recordings / name)
+            former = known.get(sha256)
+            if former is None:
+                unseen.append(name)
+                known |= {sha256: name} if sha256 else {}
+            elif former in drops.refused and former not in {*listed, *of_file}:
+                drops.refused[name] = drops.refused.pop(former)
+                if former in drops.rows:
+                    drops.rows[name] = drops.rows.pop(former)
+            elif former != name and former in other & {*of_file}:
+                reused |= {former: name} if file_sha256(self.recordings / former) not in known else {}
+        return unseen, reused
+
+    def _twice(self) -> Problem | None:
+        """Two drops in use that fill one row, as a person's decision may leave them.
+
+        A drop whose facts were corrected fills none.
+        """
+        rows = self.order.named(self._people())
+        filled: dict[int, str] = {}
+        for drop in self.drops:
+            at = self.drops.rows.get(drop.file)
+            if at is not None and drop.good and rows[at].items() <= drop.cells.items():
+                if at in filled:
+                    value = f"{filled[at]} and {drop.impact}"
+                    return Problem.stated("no-campaign.row-twice", str(self.drops.folder), value=value)
+                filled[at] = drop.impact
+        return None
+
+    def _require_row(self, drop: Drop) -> None:
+        """Refuse a drop whose row another one in use fills.
+
+        Raises:
+            _RowHeldError: it does; both are named.
+        """
+        at = self.drops.rows.get(drop.file)
+        for other in self.drops:
+            same_row = other.file != drop.file and at is not None and self.drops.rows.get(other.file) == at
+            if drop.good and other.good and same_row:
+                problem = Problem.stated("no-campaign.row-held", drop.file, value=f"the row of {other.file}")
+                raise _RowHeldError(problem)
 
     def _rows_of(self, names: Sequence[str]) -> tuple[dict[str, int], dict[str, tuple[bool, Any]]]:
         """The rows that files take one after the other, and whether facts of each lack, and which it has."""
@@ -281,7 +392,11 @@ class Watch:
                 people.append(str(named["subject"]))
             now = self.order.named(people)
             free = {at: now[at] for at in left if at not in row_of.values()}
-            at = self.order.row_for(name, free, named, columns(self.drops.chosen, "page"))
+            own = self.drops.rows.get(name)
+            if own is None:
+                at = self.order.row_for(name, free, named, columns(self.drops.chosen, "page"))
+            else:
+                at = own if own in free else None
             if at is not None:
                 row_of[name] = at
             try:
@@ -290,7 +405,8 @@ class Watch:
             except InputError:
                 facts[name] = False, None
             else:
-                facts[name] = not cells.keys() >= {*wanted(needs_velocity=True)[1:]}, cells
+                lacking = own is None and not cells.keys() >= {*wanted(needs_velocity=True)[1:]}
+                facts[name] = lacking, cells
         return row_of, facts
 
     def _late(self, row_of: Mapping[str, int], listed: Mapping[str, Stamp]) -> str:
@@ -305,24 +421,6 @@ class Watch:
                     return f"{name} after {drop.file}"
         return ""
 
-    def _first_seen(self, names: Sequence[str], listed: Mapping[str, Stamp]) -> list[str]:
-        """Those files that hold a recording of their own; one that was only renamed takes its row along."""
-        sizes = Counter([listed[name].size for name in names] + [drop.stamp.size for drop in self.drops])
-        known = {drop.sha256: drop.file for drop in self.drops}
-        first = []
-        for name in sorted(names, key=lambda name: (listed[name].modified_ns, natural(name))):
-            sha256 = ""
-            if listed[name].size and sizes[listed[name].size] > 1:
-                sha256 = file_sha256(self.recordings / name)
-            former = known.get(sha256)
-            if former is None:
-                first.append(name)
-            elif former in self.drops.rows and not _holds(self.recordings / former, sha256):
-                self.drops.rows[name] = self.drops.rows[former]
-            if sha256:
-                known[sha256] = former or name
-        return first
-
     def _take(self, name: str) -> None:
         source, incoming = self.recordings / name, self._incoming / name
         try:
@@ -330,17 +428,21 @@ class Watch:
                 start_job(self._incoming)
             incoming.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, incoming)
-            self._take_whole(name, incoming, file_sha256(incoming))
-        except InputError as error:
-            self._refuse(name, error)
+            sha256 = file_sha256(incoming)
+            try:
+                self._take_whole(name, incoming, sha256)
+            except _RowHeldError:
+                raise
+            except InputError as error:
+                self.drops.refuse(name, sha256)
+                self.study.update(self.drops.used)
+                self._refuse(name, error)
+            self._changed.discard(name)
         finally:
             with suppress(OSError):
                 incoming.unlink(missing_ok=True)
 
     def _refuse(self, name: str, error: InputError) -> None:
-        if name in self.drops.rows and name not in self.drops.refused:
-            self.drops.refused.append(name)
-            self.drops.write()
         said = Verdict("again", " ".join(dict.fromkeys(map(_in_short, error.problems))))
         self.last = name, said
         self.say(f"{name}: {self.nouns(said.words)}")
@@ -350,10 +452,19 @@ class Watch:
         same = next((drop for drop in self.drops if drop.sha256 == sha256), None)
         if earlier is not None and earlier.sha256 == sha256:
             earlier.stamp = stamp
+            if earlier.left_out == UNREADABLE:
+                self.drops.refused.pop(name, None)
+                self.decide(earlier.impact, "")
             return
         if same is not None and _holds(self.recordings / same.file, sha256):
             self.say(f"{name}: the same recording as {same.file}; not taken twice")
             return
+        if self.order.rows and (earlier is not None or self.drops.refused.get(name, sha256) != sha256):
+            # What was judged under this name is not known to be gone: which row is whose, names do not say.
+            judged = [(drop.file, drop.sha256) for drop in self.drops] + [*self.drops.refused.items()]
+            if others := [file for file, known in judged if known == sha256 and file != name]:
+                value = f"the recording of {others[0]}"
+                raise _RowHeldError(Problem.stated("no-campaign.row-held", name, value=value))
         moved = same if earlier is None else None
         row = self.drops.row(name, self.cells(name, moved), moved.file if moved else "")
         destination = self.drops.folder / str(row["trace"])
@@ -368,6 +479,10 @@ class Watch:
         drop.left_out = (
             same.left_out if same and same.decided else self._decided.get(sha256)
         ) or drop.left_out
+        if moved is None:
+            self._require_row(drop)
+        elif drop.good and not moved.good:
+            self._require_row(replace(drop, file=moved.file))
         destination.parent.mkdir(parents=True, exist_ok=True)
         put(incoming, destination)
         self.drops.taken(drop, moved.file if moved else "")
@@ -469,14 +584,16 @@ class Watch:
         """The drops that the order or the plan still has."""
         return list(self._left().values())
 
-    def _left(self) -> dict[int, Cells]:
+    def _left(self, drops: Sequence[Drop] | None = None) -> dict[int, Cells]:
+        """The rows that are open, as these drops leave them; all drops unless given."""
         rows = self.drops.rows
         # A plan is of people alone; an order may have rows of phantoms too.
         named = self.order.people_named
-        good = [drop for drop in self.drops if drop.good and (named or not drop.of_phantom)]
+        known = self.drops.all if drops is None else drops
+        good = [drop for drop in known if drop.good and (named or not drop.of_phantom)]
         held = [rows[drop.file] for drop in good if drop.file in rows]
         # Of files that nobody has judged yet, since they are empty, still grow, or wait for their turn.
-        judged = {*self.drops.refused, *(drop.file for drop in self.drops)}
+        judged = {*self.drops.refused, *(drop.file for drop in self.drops)} - self._changed
         held += [at for name, at in rows.items() if name not in judged]
         unknown = [drop.cells for drop in good if drop.file not in rows]
         return self.order.left(unknown, held, self._people())
@@ -496,8 +613,13 @@ class Watch:
 
         Raises:
             KeyError: there is no such drop.
+            InputError: another drop has filled its row of the order since.
         """
         with self._lock:
+            # What was written by hand meanwhile came first.
+            self._take_corrections()
+            if not reason:
+                self._require_row(replace(self.drops.named(impact), left_out=""))
             drop = self.drops.decide(impact, reason)
             self.study.update(self.drops.used)
         self.say(f"{impact}: left out: {reason}" if reason else f"{impact}: used again")
