@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import warnings
 from collections.abc import Callable
 from copy import copy
 from pathlib import Path
@@ -29,14 +28,7 @@ Overwrite = Annotated[
 ]
 
 
-def _quiet(quiet: bool) -> bool:
-    if quiet:
-        # What libraries say of numbers that are not finite, to who programs with them.
-        warnings.simplefilter("ignore")
-    return quiet
-
-
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.", callback=_quiet)]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Port = Annotated[
     int,
     typer.Option("--port", help="Of the page on this machine; a free one unless given.", min=0, max=65535),
