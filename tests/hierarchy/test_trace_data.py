@@ -39,7 +39,7 @@ def dataset(rate: float = 5000.0, **changes: Any) -> Dataset:
     motion = impact_motion(np.maximum(time, 0), omega_n[:, None], zeta[:, None], 1.5)
     part = motion.displacement if changes.get("quantity") == "displacement" else motion.deceleration
     values = np.where(time >= 0, np.asarray(part), 0.0)
-    values += 1e-4 * values.max() * np.random.default_rng(1).normal(size=values.shape)
+    values += 1e-3 * values.max() * np.random.default_rng(1).normal(size=values.shape)
     made = Dataset(
         name="made",
         description="",
@@ -47,6 +47,7 @@ def dataset(rate: float = 5000.0, **changes: Any) -> Dataset:
         traces=[Trace(time, row) for row in values],
         quantity="deceleration",
         uncertainty=CHAIN,
+        contact="between",
         warnings=(),
         left_out=(),
         folder=Path(),
@@ -89,8 +90,8 @@ def test_the_impact_likelihood_reads_decelerations() -> None:
 
 @pytest.mark.slow
 def test_too_few_samples_name_every_impact() -> None:
-    problems = refused(dataset(rate=200.0), specification("arma"))
-    # A time to peak of 20 and 30 ms holds 4 and 6 samples of 5 ms.
+    problems = refused(dataset(rate=100.0), specification("arma"))
+    # A time to peak of 20 and 30 ms holds 2 and 3 samples of 10 ms, and the rebound as many.
     assert [problem.impact for problem in problems] == [f"i{i}" for i in range(6)]
     assert {(problem.file, problem.column) for problem in problems} == {("m.toml", "signal.window")}
     assert all(isinstance(problem.value, int) and problem.value < 8 for problem in problems)

@@ -103,9 +103,11 @@ def test_a_folder_becomes_a_dataset_that_check_calls_fine(
     pattern = ("--pattern", f"{PATTERN}{suffix}", "--quantity", "deceleration")
     made = bayestissue("init", recorded, "--out", out, *pattern, *FORMATS[suffix][1], *FACTS, "--json")
     assert (made.status, made.err) == (0, "")
-    assert json.loads(made.out)["verdict"] == "fine"
+    # The plate's force is as large with every mass, which no force is.
+    verdict = "no errors, 1 warning" if suffix == ".c3d" else "fine"
+    assert json.loads(made.out)["verdict"] == verdict
     checked = json.loads(bayestissue("check", out, "--json").out)
-    assert (checked["verdict"], checked["impacts"]) == ("fine", len(DROPS))
+    assert (checked["verdict"], checked["impacts"]) == (verdict, len(DROPS))
     data = bt.read_dataset(out)
     assert list(data.impacts["impact"]) == sorted(name(which) for which in range(len(DROPS)))
     assert set(zip(data.impacts["subject"], data.impacts["side"], data.impacts["mass_kg"], strict=True)) == {

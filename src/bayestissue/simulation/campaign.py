@@ -12,7 +12,7 @@ import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset import write_dataset
-from bayestissue.dataset.chain import Recorder, Uncertainty
+from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.dataset.impacts import REFERENCE
 from bayestissue.dataset.model import Channel, Dataset, Trace, channel_settings
 from bayestissue.dataset.settings import gravity_m_s2
@@ -44,6 +44,7 @@ class Campaign:
         time: [sample], s, all recordings one after another; each recorder's clock starts at 0.
         value: [sample], recorded deceleration, m/s².
         uncertainty: standard deviations of the measuring chain.
+        contact: at a sample, or between two.
         recorder: the low-pass that the recordings went through, if any.
         gravity: along the motion, m/s²; what is recorded is then force over mass.
         headform: whether the impactor stands for a head.
@@ -58,6 +59,7 @@ class Campaign:
     time: Float[np.ndarray, " sample"]
     value: Float[np.ndarray, " sample"]
     uncertainty: Uncertainty
+    contact: Contact
     recorder: Recorder | None = None
     gravity: float = 0.0
     headform: bool = False
@@ -94,6 +96,7 @@ class Campaign:
             left_out=(),
             folder=None,
             input_hash="",
+            contact=self.contact,
             recorder=self.recorder,
             gravity=self.gravity,
             headform=self.headform,
@@ -172,7 +175,8 @@ def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
     )
     recorder = simulation.recorder.values() if simulation.recorder else None
     gravity = gravity_m_s2(simulation.gravity)
-    time, chain_of = np.round(sample / rate, 9), (uncertainty, recorder, gravity, simulation.headform)
+    chain_of = uncertainty, recording.contact, recorder, gravity, simulation.headform
+    time = np.round(sample / rate, 9)
     if recording.force is None:
         return Campaign(impacts, truth, n, time, value, *chain_of)
     return Campaign(
@@ -476,8 +480,7 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
         settings["signal"] |= {"gravity": campaign.gravity}
     if campaign.headform:
         settings["impactor"] = {"headform": True}
-    if simulation.recording.contact != "between":
-        settings["signal"] |= {"contact": simulation.recording.contact}
+    settings["signal"] |= {"contact": campaign.contact}
     if campaign.recorder is not None:
         settings["recorder"] = campaign.recorder.settings()
     if campaign.force_channel is not None:

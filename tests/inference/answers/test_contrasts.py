@@ -226,11 +226,11 @@ def test_of_three_columns_the_change_of_the_treated_stands_at_each_side() -> Non
     rows = pd.DataFrame(cells, columns=["subject", "group", "session", "side"])
     rows = rows.assign(trial="t", mass_kg=0.5, impact=range(len(rows)))
     of = recorded("group*side*session", rows)
-    draws = xr.Dataset({"intercept_K": (("chain", "draw"), np.full((1, 4), 7.0))})
+    draws = xr.Dataset({"intercept_K": (("chain", "draw"), np.full((1, 5), 7.0))})
     rng = np.random.default_rng(1)
     for name in of.response("K").evaluated.at(of.rows)[0]:
-        draws[f"effect_of_{name}_K"] = (("chain", "draw"), rng.standard_normal((1, 4)))
-    found = contrasts(draws.assign_coords(chain=[0], draw=range(4)), of, ["K"], 0.1)
+        draws[f"effect_of_{name}_K"] = (("chain", "draw"), rng.standard_normal((1, 5)))
+    found = contrasts(draws.assign_coords(chain=[0], draw=range(5)), of, ["K"], 0.1)
     first = found[found["kind"] == "interaction"].head(2)
     assert first["factor"].tolist() == ["group:session:side"] * 2
     assert first["level"].tolist() == ["treated:after/before:operated", "treated:after/before:sound"]

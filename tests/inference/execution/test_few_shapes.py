@@ -62,6 +62,7 @@ def campaign(
             for n, end in zip(made.n_samples, ends, strict=True)
         ],
         quantity="deceleration",
+        contact="between",
         uncertainty=Uncertainty(relative_mass_sd=mass_sd, velocity_sd_m_s=0.005),
         warnings=(),
         left_out=(),
