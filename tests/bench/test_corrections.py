@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from written_drops import TOWER
 
 from bayestissue.bench import drops as drops_module
 from bayestissue.bench import watching
@@ -28,16 +29,6 @@ from bayestissue.errors import InputError
 from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.single.estimates import OUTCOME_COLUMNS
 
-CAMPAIGN = """
-name = "tower"
-order = "order.csv"
-[signal]
-quantity = "deceleration"
-unit = "m/s^2"
-[facts]
-subject = "pad"
-velocity_m_s = 1.5
-"""
 MASSES = [round(0.5 + 0.1 * n, 1) for n in range(12)]
 
 
@@ -58,7 +49,7 @@ class Bench:
         self.folder, self.recorded, self.out = folder, folder / "recorded", folder / "set"
         self.recorded.mkdir()
         self.spoilt: set[str] = set()
-        self.campaign(CAMPAIGN)
+        self.campaign(TOWER)
         self.order(MASSES)
 
     def campaign(self, text: str) -> None:
@@ -185,7 +176,7 @@ def test_files_that_lie_there_already_have_rows_of_their_own_whatever_becomes_of
     bench.spoilt.add("d6")
     # Nor is the order.
     shutil.copy(bench.folder / "order.csv", bench.recorded)
-    bench.campaign(CAMPAIGN.replace("order.csv", "recorded/order.csv"))
+    bench.campaign(TOWER.replace("order.csv", "recorded/order.csv"))
     watch = bench.begin()
     watch.catch_up(0)
     assert "order.csv" not in said(watch)
@@ -221,11 +212,11 @@ def test_where_times_and_names_disagree_a_person_says_which_hold(bench: Bench) -
     assert "d12.csv, d11.csv" in str(error.value)
     assert "d1.csv, d2.csv" in str(error.value)
     assert not watch.drops.all
-    bench.campaign('files_by = "times"\n' + CAMPAIGN)
+    bench.campaign('files_by = "times"\n' + TOWER)
     bench.begin().catch_up(0)
     assert bench.masses == bench.in_order(*reversed(names))
     # Or the order says it of each.
-    bench.campaign(CAMPAIGN)
+    bench.campaign(TOWER)
     bench.out = bench.folder / "other"
     bench.order(MASSES, [*names[6:], *names[:6]])
     bench.begin().catch_up(0)
@@ -258,7 +249,7 @@ def test_rows_of_drops_that_were_taken_stay_as_they_were(bench: Bench) -> None:
 
 
 def by_names(bench: Bench) -> None:
-    bench.campaign(CAMPAIGN.replace('order = "order.csv"', 'pattern = "{n}_{mass_kg}kg"'))
+    bench.campaign(TOWER.replace('order = "order.csv"', 'pattern = "{n}_{mass_kg}kg"'))
 
 
 def test_files_that_are_renamed_take_the_facts_of_their_new_names(bench: Bench) -> None:
@@ -525,7 +516,7 @@ def test_a_table_that_cannot_be_used_waits_and_is_not_overwritten(bench: Bench) 
 
 
 def test_facts_of_the_page_and_names_with_a_space_survive(bench: Bench) -> None:
-    bench.campaign(CAMPAIGN.replace('order = "order.csv"\n', ""))
+    bench.campaign(TOWER.replace('order = "order.csv"\n', ""))
     watch = bench.begin()
     watch.choose({"mass_kg": "0.9"})
     bench.spoilt.add("d1")
@@ -562,18 +553,18 @@ def test_a_measured_velocity_counts_more_than_a_planned_one(bench: Bench) -> Non
     plan |= {"questions": {"q": "mass_exponent_K < 1"}}
     text = json.dumps({"plan": {"name": "p", **plan}, "chosen": 1})
     (bench.folder / "plan.json").write_text(text)
-    bench.campaign(CAMPAIGN.replace('order = "order.csv"\n', ""))
+    bench.campaign(TOWER.replace('order = "order.csv"\n', ""))
     bench.record("d1.csv")
     watch = bench.begin(bench.folder)
     watch.catch_up(0)
     assert watch.drops.all[0].cells["velocity_m_s"] == 1.5
     assert watch.drops.all[0].cells["mass_kg"] == 0.5
     assert [row["mass_kg"] for row in watch.left()] == [1.2, 0.5, 1.2]
-    bench.campaign(CAMPAIGN.replace('order = "order.csv"\n', "") + "mass_kg = 0.6\n")
+    bench.campaign(TOWER.replace('order = "order.csv"\n', "") + "mass_kg = 0.6\n")
     with pytest.raises(InputError, match=r"0\.6.*0\.5"):
         bench.begin(bench.folder)
     # Whatever else stands in its place, or a part of it.
-    bench.campaign(CAMPAIGN.replace('order = "order.csv"\n', ""))
+    bench.campaign(TOWER.replace('order = "order.csv"\n', ""))
     for wrong in (
         "[]",
         "3",

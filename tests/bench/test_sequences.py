@@ -28,6 +28,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
+from written_drops import TOWER
 
 from bayestissue.bench import watching
 from bayestissue.bench.campaign import read_campaign
@@ -37,16 +38,6 @@ from bayestissue.bench.watching import Watch
 from bayestissue.dataset.left_out import reasons
 from bayestissue.errors import InputError
 
-CAMPAIGN = """
-name = "tower"
-order = "order.csv"
-[signal]
-quantity = "deceleration"
-unit = "m/s^2"
-[facts]
-subject = "pad"
-velocity_m_s = 1.5
-"""
 ORDERS = (
     [0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4],
     [0.5, 0.6, 0.6, 0.7, 0.5, 0.8, 0.9, 0.9, 0.6, 1.0],
@@ -129,7 +120,7 @@ class AtTheBench(RuleBasedStateMachine):
         self.folder = Path(tempfile.mkdtemp())
         self.recorded, self.out = self.folder / "recorded", self.folder / "set"
         self.recorded.mkdir()
-        (self.folder / "campaign.toml").write_text(CAMPAIGN)
+        (self.folder / "campaign.toml").write_text(TOWER)
         self.order: list[float] = []
         # Of the recorder's files the drop that each holds, of deleted ones the last that it held; all drops.
         self.files: dict[str, int] = {}

@@ -26,6 +26,17 @@ velocity_sd_m_s = 0.01
 [facts]
 velocity_m_s = {VELOCITY}
 """
+# Of one pad, whose masses an order has.
+TOWER = """
+name = "tower"
+order = "order.csv"
+[signal]
+quantity = "deceleration"
+unit = "m/s^2"
+[facts]
+subject = "pad"
+velocity_m_s = 1.5
+"""
 PEOPLE, SIDES, MASSES = ("s01", "s02", "s03", "s04", "s05"), ("left", "right"), (0.5, 1.2)
 
 
