@@ -46,18 +46,18 @@ def with_limits(
     """
     said = [at for at, words in samples.text.items() if words.strip() in BEYOND_LIMIT]
     at = np.array([i for i in said if np.isinf(samples.value[i])], int)
+    clipped = at_limit(samples, quantity, stated)
+    if not at.size:
+        return replace(samples, clipped=clipped) if clipped.any() else samples
     value = samples.value.copy()
     for sign in (1, -1):
-        finite = np.where(np.isfinite(value), sign * value, -np.inf)
-        limits = np.maximum.reduceat(finite, samples.begin) if at.size else np.empty(0)
+        limits = np.maximum.reduceat(np.where(np.isfinite(value), sign * value, -np.inf), samples.begin)
         if stated is not None:
             limits = np.maximum(limits, sign * stated[sign > 0])
         mine = at[np.sign(samples.value[at]) == sign]
         value[mine] = sign * limits[samples.owner[mine]]
-    found = replace(samples, value=value) if at.size else samples
-    clipped = at_limit(samples, quantity, stated)
     clipped[at] = np.sign(samples.value[at])
-    return replace(found, clipped=clipped) if clipped.any() else found
+    return replace(samples, value=value, clipped=clipped)
 
 
 def at_limit(
