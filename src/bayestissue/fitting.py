@@ -165,13 +165,16 @@ def fit_job(
     """
     specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C), questions=ask)
     resolved(specification)
-    if continue_from is not None:
-        specification = _with_the_element_of(continue_from, specification)
+    run = continue_from if isinstance(continue_from, Fit | None) else read_run(continue_from)
+    if run is not None and (told := run.diagnostics.get("another_element")):
+        # The earlier run was led to another element: this one goes on with that.
+        specification = another_element.stiffening_by(specification, told["formula"]) or specification
     if skip_short:
         dataset = without_short(dataset, specification, source)
     dataset, prepared = prepare_without_phantoms(dataset, specification, source=source)
     require_answerable(prepared, specification, source)
-    earlier = None if continue_from is None else earlier_run(continue_from, dataset, specification, prepared)
+    called = "continue_from" if run is continue_from else str(continue_from)
+    earlier = None if run is None else earlier_run(run, dataset, specification, prepared, called)
     return FitJob(dataset, specification, prepared, seed, earlier)
 
 
@@ -311,37 +314,32 @@ class EarlierRun(NamedTuple):
 
 
 def earlier_run(
-    run: Fit | str | Path, dataset: Dataset, specification: ModelSpecification, prepared: Prepared
+    run: Fit,
+    dataset: Dataset,
+    specification: ModelSpecification,
+    prepared: Prepared,
+    source: str = "continue_from",
 ) -> EarlierRun:
-    """The run that this fit is to go on with.
+    """The run that this fit is to go on with, which messages call ``source``.
 
     Raises:
         InputError: it is no finished fit, its chains were not kept, or it is of other recordings or another
             model: every difference.
     """
-    earlier = run if isinstance(run, Fit) else read_run(run)
-    source, record = "continue_from" if isinstance(run, Fit) else str(run), earlier.about
     # As JSON has it, like what was read.
     here = json.loads(json.dumps(specification.model_dump(mode="json") | prepared.design.resolved()))
-    here, there = (_of_the_chains(model) for model in (here, record["model"]))
+    here, there = (_of_the_chains(model) for model in (here, run.about["model"]))
     problems = [
         Problem.stated("another-run.model", source, None, key, here.get(key), there=there.get(key))
         for key in sorted(here.keys() | there.keys())
         if here.get(key) != there.get(key)
     ]
-    if record.get("input_hash") != dataset.input_hash:
+    if run.about.get("input_hash") != dataset.input_hash:
         problems.append(Problem.stated("another-run.recordings", source, None, "input_hash", dataset.name))
     if problems:
         raise InputError(problems)
-    second = "score_without" in record.get("discrepancy", {})
-    form = earlier.diagnostics["model_form"] if second else {}
-    return EarlierRun(earlier.chain_end(), form, earlier.diagnostics.get("another_element", {}))
-
-
-def _with_the_element_of(run: Fit | str | Path, specification: ModelSpecification) -> ModelSpecification:
-    """The model with the element that an earlier run of it was led to."""
-    told = (run if isinstance(run, Fit) else read_run(run)).diagnostics.get("another_element", {})
-    return (another_element.stiffening_by(specification, told["formula"]) if told else None) or specification
+    form = run.diagnostics["model_form"] if "score_without" in run.about.get("discrepancy", {}) else {}
+    return EarlierRun(run.chain_end(), form, run.diagnostics.get("another_element", {}))
 
 
 def _of_the_chains(model: dict[str, Any]) -> dict[str, Any]:
