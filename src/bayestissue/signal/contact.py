@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.dataset.chain import STANDARD_GRAVITY, Quantity
+from bayestissue.dataset.model import Trace
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.settings import CONTACT
 from bayestissue.signal.traces import (
@@ -21,6 +22,7 @@ from bayestissue.signal.traces import (
     last_where,
     noise_sd,
     segment_moments,
+    stack,
     standard_error,
 )
 
@@ -58,6 +60,12 @@ class Onset:
         return np.where(count >= CONTACT.scatter_samples, of_scatter, self.noise_sd / np.sqrt(count))
 
 
+def motion_of(traces: Sequence[Trace], quantity: Quantity) -> Recordings:
+    """The recordings of these traces, positive while the impactor slows, from its release on."""
+    slowing = stack(traces).signed(-1.0 if quantity == "acceleration" else 1.0)
+    return slowing if quantity == "displacement" else since_release(slowing)
+
+
 def since_release(recordings: Recordings) -> Recordings:
     """Each recording from where its impactor falls freely, if it was held before; else as it is.
 
@@ -85,7 +93,7 @@ def since_release(recordings: Recordings) -> Recordings:
     clipped = recordings.clipped
     if clipped is not None:
         clipped = from_sample(replace(recordings, value=clipped), first).value
-    return replace(from_sample(recordings, first), ahead_s=recordings.ahead_s, clipped=clipped)
+    return replace(from_sample(recordings, first), clipped=clipped)
 
 
 def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:

@@ -11,7 +11,7 @@ import numpy as np
 from bayestissue.dataset.model import Dataset
 from bayestissue.errors import Coded
 from bayestissue.signal.beyond_limit import beyond_limit
-from bayestissue.signal.contact import Onset, displacement_contact, find_onset, since_release
+from bayestissue.signal.contact import Onset, displacement_contact, find_onset, motion_of
 from bayestissue.signal.filters import ahead_s
 from bayestissue.signal.integration import Rule, clear_velocity, cumulative, derivatives
 from bayestissue.signal.options import SignalOptions
@@ -27,7 +27,6 @@ from bayestissue.signal.traces import (
     at,
     from_sample,
     noise_sd,
-    stack,
 )
 from bayestissue.signal.window import Stop, samples_in, slowest, still_pushed, zero_velocity
 
@@ -159,15 +158,12 @@ def displacements(
     options = options or SignalOptions()
     mass, velocity = (dataset.impacts[name].to_numpy(dtype=float) for name in ("mass_kg", "velocity_m_s"))
     gravity = np.full(len(mass), dataset.gravity)
-    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     blocks = _blocks(len(mass), max(len(trace.value) for trace in dataset.traces))
 
     def met(rows: slice) -> _Met:
-        stacked = stack(dataset.traces[rows]).signed(sign)
-        stacked = replace(stacked, ahead_s=float(ahead_s(dataset.recorder, stacked.dt).max()))
-        if dataset.quantity != "displacement":
-            stacked = since_release(stacked)
-        return _Met(stacked, mass[rows], velocity[rows], gravity[rows])
+        recorded = motion_of(dataset.traces[rows], dataset.quantity)
+        recorded = replace(recorded, ahead_s=float(ahead_s(dataset.recorder, recorded.dt).max()))
+        return _Met(recorded, mass[rows], velocity[rows], gravity[rows])
 
     if dataset.quantity == "displacement":
         return _joined([_recorded(met(rows), options) for rows in blocks])

@@ -225,17 +225,14 @@ class LeastSquares:
         across = jacobian.transpose(0, 2, 1)
         normal = across @ self.gram @ jacobian
         scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-300))
-        ridge = 1e-14 * np.eye(jacobian.shape[2])
+        one = np.eye(jacobian.shape[2])
         scaled = normal / scale[:, :, None] / scale[:, None, :]
-        inverse = np.linalg.inv(np.where(np.isfinite(scaled), scaled, 0) + ridge + _blank(scaled))
+        # An impact without a usable sample must not make the whole stack of matrices singular.
+        unusable = ~np.isfinite(scaled).all(axis=(1, 2)) | (np.abs(scaled).sum(axis=(1, 2)) == 0)
+        blank = unusable[:, None, None] * one
+        inverse = np.linalg.inv(np.where(np.isfinite(scaled), scaled, 0) + 1e-14 * one + blank)
         covariance = inverse / scale[:, :, None] / scale[:, None, :]
         return (covariance @ (across @ moment[..., None]))[..., 0], covariance
-
-
-def _blank(matrices: np.ndarray) -> np.ndarray:
-    # An impact without a usable sample must not make the whole stack of matrices singular.
-    unusable = ~np.isfinite(matrices).all(axis=(1, 2)) | (np.abs(matrices).sum(axis=(1, 2)) == 0)
-    return unusable[:, None, None] * np.eye(matrices.shape[1])
 
 
 def _coefficients(parameters: np.ndarray, fall: Column) -> np.ndarray:

@@ -13,13 +13,13 @@ from bayestissue.dataset.model import Dataset
 from bayestissue.declarations import declared
 from bayestissue.errors import Coded
 from bayestissue.remedies import entries
-from bayestissue.signal.contact import since_release
+from bayestissue.signal.contact import motion_of
 from bayestissue.signal.displacement import displacements
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import beginning, law, samples, velocity
 from bayestissue.signal.quality.recorded import Recorded
 from bayestissue.signal.quality.settings import PULSE
-from bayestissue.signal.traces import Column, Index, Mask, stack
+from bayestissue.signal.traces import Column, Index, Mask
 
 
 class Kind(NamedTuple):
@@ -138,11 +138,7 @@ def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> l
 
 
 def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Implied]) -> Iterator[Finding]:
-    sign = -1.0 if part.quantity == "acceleration" else 1.0
-    recordings = stack(part.traces)
-    recordings = recordings.signed(sign)
-    if part.quantity != "displacement":
-        recordings = since_release(recordings)
+    recordings = motion_of(part.traces, part.quantity)
     recorded = Recorded.from_recordings(recordings)
     limited = np.zeros(len(recordings.n), int)
     if recordings.clipped is not None:
