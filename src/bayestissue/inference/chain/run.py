@@ -166,7 +166,7 @@ def sampled(
         path = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *retained)
         verdict = look(*quantities(path), sampler.effective)
         in_a_row = in_a_row + 1 if verdict.passed else 0
-        effective = f"{verdict.effective:.0f} of {sampler.effective:.0f} effective draws"
+        effective = f"{verdict.effective:.0f} effective draws ({sampler.effective} wanted)"
         stage = f"sampling, R-hat {verdict.r_hat:.3f}, {effective}"
         last = len(paths) >= most
         if in_a_row >= settings.in_a_row or last:
