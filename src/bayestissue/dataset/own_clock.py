@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from bayestissue.dataset.clock_times import within_a_day
 from bayestissue.dataset.formats import unit_in_name
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import Columns, Numbers
@@ -18,7 +19,6 @@ from bayestissue.errors import InputError
 _NAMED = re.compile(
     r"(?:^|[\W_])(?:time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)(?:[\W_\d]|$)", re.IGNORECASE
 )
-_HALF_DAY_S = 43_200.0
 # Of a sampling interval: times that differ by less are alike.
 _ALIKE = 0.25
 
@@ -113,8 +113,7 @@ def _as_beside(times: Numbers, name: str, shared: Numbers | None, first: SignalS
     if shared is None:
         return times
     if times.seconds and shared.seconds:
-        late = (times.start - shared.start + _HALF_DAY_S) % (2 * _HALF_DAY_S) - _HALF_DAY_S
-        return replace(times, array=times.array + late)
+        return replace(times, array=times.array + within_a_day(times.start - shared.start))
     units = (times.unit or unit_in_name(name), shared.unit or unit_in_name(first.time_column))
     if units[0] == units[1] or {dimension_of(unit, ["time"]) for unit in units} != {"time"}:
         return times
