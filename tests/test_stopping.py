@@ -176,7 +176,7 @@ def test_results_that_stand_are_said() -> None:
 WITH_WORKERS = """
 def computes():
     quieten_libraries()
-    with worker_pool(1, sys.argv[1]) as pool:
+    with worker_pool(1) as pool:
         future = pool.submit(time.sleep, 60)
         while not pool._processes or not future.running():
             time.sleep(0.1)
@@ -187,17 +187,21 @@ main(computes)
 """
 
 
-def test_worker_processes_end_with_the_process_that_began_them(tmp_path: Path) -> None:
-    status, said, _ = stopped(BEGINS + WITH_WORKERS, str(tmp_path))
+def test_worker_processes_end_with_the_process_that_began_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    status, said, _ = stopped(BEGINS + WITH_WORKERS)
     assert status == 130
     worker, *words = said.split("\n", 1)
     assert words == [f"interrupted\n{MORE}"]
     assert not alive(int(worker))
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
-def test_worker_processes_end_where_the_process_that_began_them_was_killed(tmp_path: Path) -> None:
-    status, said, _ = stopped(BEGINS + WITH_WORKERS, str(tmp_path), number=signal.SIGKILL)
+def test_worker_processes_end_where_the_process_that_began_them_was_killed() -> None:
+    status, said, _ = stopped(BEGINS + WITH_WORKERS, number=signal.SIGKILL)
     assert status == -signal.SIGKILL
     assert not alive(int(said))
 

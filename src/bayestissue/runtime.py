@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
@@ -291,8 +292,8 @@ def settle(parent: int, folder: str, allowed: tuple[int, ...]) -> None:
 
 
 @contextmanager
-def worker_pool(workers: int, folder: str) -> Iterator[Any]:
-    """A loky executor of processes set up by `settle`; ``folder`` is a new one.
+def worker_pool(workers: int) -> Iterator[Any]:
+    """A loky executor of processes set up by `settle`.
 
     They end with the block, and with this process, and leave a Ctrl-C, which a terminal sends to all
     processes, to it.
@@ -305,14 +306,15 @@ def worker_pool(workers: int, folder: str) -> Iterator[Any]:
     # Either lets signals through again when it begins, so that must be before the workers do.
     resource_tracker.ensure_running()
     of_python.ensure_running()
-    to_settle = (os.getpid(), folder, CORES)
-    pool = ProcessPoolExecutor(workers, initializer=settle, initargs=to_settle, env=_NO_RECYCLING)
-    try:
-        with _ctrl_c_held():
-            pool.submit(os.getpid)
-        yield pool
-    finally:
-        pool.shutdown(wait=True, kill_workers=True)
+    with TemporaryDirectory(prefix="bayestissue-") as folder:
+        to_settle = (os.getpid(), folder, CORES)
+        pool = ProcessPoolExecutor(workers, initializer=settle, initargs=to_settle, env=_NO_RECYCLING)
+        try:
+            with _ctrl_c_held():
+                pool.submit(os.getpid)
+            yield pool
+        finally:
+            pool.shutdown(wait=True, kill_workers=True)
 
 
 @contextmanager

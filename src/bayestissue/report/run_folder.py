@@ -17,7 +17,7 @@ import xarray as xr
 from bayestissue.errors import InputError, PartialResultError, Problem
 from bayestissue.outline import short
 from bayestissue.remedies import Code
-from bayestissue.results import damaged, whole_file
+from bayestissue.results import require_as_written, whole_file
 from bayestissue.results.tables import AGAIN, HELD, wrong_in
 from bayestissue.runtime import FORMAT
 
@@ -76,11 +76,7 @@ def read_about(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         expected = "a file that every finished run holds"
         raise InputError(wrong_in(path, expected, value="no such file", code="not-a-run"))
-    if problems := [
-        wrong_in(folder / name, "the bytes that were written", value="others: it was edited, or damaged")
-        for name in damaged(folder)
-    ]:
-        raise InputError(problems)
+    require_as_written(folder)
     record = read_json(path)
     if not isinstance(record.get("kind"), str):
         keys = ", ".join(record) or "no keys"

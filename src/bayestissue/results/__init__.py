@@ -1,7 +1,13 @@
 """Result folders: whole or not there, never at the cost of anything but earlier results."""
 
 from bayestissue.results.files import put, sync_folder, whole_file, write_json, write_tree
-from bayestissue.results.manifest import FileKind, damaged, require_file, require_free, require_place
+from bayestissue.results.manifest import (
+    FileKind,
+    require_as_written,
+    require_file,
+    require_free,
+    require_place,
+)
 from bayestissue.results.output_folder import OutputFolder, claim, claim_if, locked, locked_folder
 from bayestissue.results.tables import read_table, read_tables, write_table
 
@@ -10,12 +16,12 @@ __all__ = [
     "OutputFolder",
     "claim",
     "claim_if",
-    "damaged",
     "locked",
     "locked_folder",
     "put",
     "read_table",
     "read_tables",
+    "require_as_written",
     "require_file",
     "require_free",
     "require_place",

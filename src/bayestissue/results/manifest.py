@@ -13,9 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, NamedTuple
 
-from bayestissue.errors import InputError
+from bayestissue.errors import InputError, refuse
 from bayestissue.outline import first_of
 from bayestissue.results.files import file_sha256, remove
+from bayestissue.results.tables import wrong_in
 
 MANIFEST = ".bayestissue.json"
 # Pages are drawn, and drawn anew, after the manifest was written.
@@ -90,16 +91,23 @@ def foreign(folder: Path) -> list[str]:
             others += [] if name in parents else [f"{name}/"]
         elif name not in own and not _LITTER.fullmatch(path.name):
             others.append(name)
-    if (
-        is_dataset
-        and not others
-        and (damaged(folder) or not all((folder / name).is_file() for name in written))
-    ):
+    lacks = not all((folder / name).is_file() for name in written)
+    if is_dataset and not others and (lacks or _changed(folder)):
         return ["a dataset that was changed since it was written"]
     return others
 
 
-def damaged(folder: Path) -> list[str]:
+def require_as_written(folder: Path) -> None:
+    """Refuse results of which a file was changed since it was written.
+
+    Raises:
+        InputError: every file with other bytes.
+    """
+    expected, value = "the bytes that were written", "others: it was edited, or damaged"
+    refuse(wrong_in(folder / name, expected, value=value) for name in _changed(folder))
+
+
+def _changed(folder: Path) -> list[str]:
     """The files that have other bytes than were written, by name."""
     written = (_hashes(folder) or {}).items()
     files = [(name, sha256) for name, sha256 in written if (folder / name).is_file()]

@@ -195,7 +195,7 @@ def locked(out: Path) -> Iterator[None]:
     """
     from filelock import FileLock, Timeout
 
-    path = _hidden(out, "lock")
+    path = _hidden(out.resolve(), "lock")
     if path.is_symlink() or (_text_of(path) and not _LOCK.fullmatch(_text_of(path))):
         require_left_over(path)
     # A moment's patience, since a command that is just ending removes its file.

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, as_completed
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from bayestissue import runtime
@@ -74,10 +73,7 @@ def _in_workers(function: Callable[[Any], Any], items: Sequence[Any], jobs: int)
 
     left, deaths = set(range(len(items))), 0
     while left:
-        with (
-            TemporaryDirectory(prefix="bayestissue-") as places,
-            runtime.worker_pool(min(jobs, len(left)), places) as pool,
-        ):
+        with runtime.worker_pool(min(jobs, len(left))) as pool:
             futures = {pool.submit(function, items[number]): number for number in sorted(left)}
             try:
                 for future in as_completed(futures):
