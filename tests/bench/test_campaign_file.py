@@ -28,10 +28,10 @@ def test_names_count_more_than_the_page_the_order_and_the_facts(tmp_path: Path) 
     campaign = read_campaign(written(tmp_path, text))
     assert campaign.settings.name == "campaign"
     following, page = campaign.order[1], {"velocity_m_s": "1.4"}
-    assert campaign.cells("s09_3.csv", ".csv", following, page) == {
+    assert campaign.cells("s09_3.csv", following, page) == {
         **{"subject": "s09", "mass_kg": 1.2, "velocity_m_s": 1.4, "n": "3"}
     }
-    fallen = campaign.cells("s09_3.csv", ".csv")
+    fallen = campaign.cells("s09_3.csv")
     assert fallen["mass_kg"] == 0.7
     assert fallen["velocity_m_s"] == pytest.approx((2 * 9.80665 * 0.12) ** 0.5)
     assert campaign.unknown([]) == []

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.dialect import DECIMALS, DELIMITERS, Dialect, Stated, text_table
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.tables import Columns, read_table
 from bayestissue.errors import InputError
 
@@ -48,7 +49,7 @@ def table(
 
 def read(path: Path, text: str, encoding: str = "utf-8", stated: Stated | None = None):
     path.write_bytes(text.encode(encoding))
-    return read_table(path, path.name, numbers=None, remedy="", stated=stated)
+    return read_table(Source.at(path, stated=stated), numbers=None)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
@@ -123,7 +124,7 @@ def test_a_mark_at_the_end_of_each_line_makes_no_column(tmp_path: Path) -> None:
 def test_columns_by_spaces(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     np.savetxt(path, np.column_stack([TIME, VALUE]), header="t  a", fmt="%12.4f")
-    found = read_table(path, "a.csv", numbers=None, remedy="")
+    found = read_table(Source.at(path), numbers=None)
     assert list(found.numbers) == ["t", "a"]
     np.testing.assert_array_equal(found.numbers["a"].array, VALUE.round(4))
 
@@ -159,23 +160,23 @@ def test_a_row_that_is_stated_must_be_there(tmp_path: Path) -> None:
 def test_empty_columns_of_a_spreadsheet_are_none(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("file;mass_kg;;\na;0,5;;\nb;1,5;;\n;;;\n")
-    cells, rows = read_cells(path, ["file"])
+    cells, rows = read_cells(Source.at(path), ["file"])
     assert cells.to_dict("list") == {"file": ["a", "b"], "mass_kg": ["0.5", "1.5"]}
     assert rows.tolist() == [2, 3]
     path.write_text("file;mass_kg;;\na;0,5;;x\n")
     with pytest.raises(InputError, match="a name over every column"):
-        read_cells(path, ["file"])
+        read_cells(Source.at(path), ["file"])
 
 
 def test_a_wanted_name_finds_its_line() -> None:
-    found = text_table(b"x,y\ntime_s,value\n1,2\n", "a", wanted=["value"])
+    found = text_table(b"x,y\ntime_s,value\n1,2\n", Source(Path("a"), "a"), wanted=["value"])
     assert (found.names, found.dialect.header_row) == (["time_s", "value"], 2)
 
 
 def test_bad_cells_at_the_top_are_no_header(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("time_s,value\nn/a,-9\n" + "".join(f"{t},{t}\n" for t in range(50)))
-    found = read_table(path, "a.csv", numbers=["time_s", "value"], remedy="")
+    found = read_table(Source.at(path), numbers=["time_s", "value"])
     assert found.numbers["time_s"].text == {0: "n/a"}
     assert found.first_row == 2
 
@@ -184,7 +185,7 @@ def test_rows_that_break_are_one_problem_with_the_first_place(tmp_path: Path) ->
     path = tmp_path / "a.csv"
     path.write_text("Gerät;1\n\nt;v\n1;2\n3;4;5\n6;7\n8;9;1\n" + "1;2\n" * 20)
     with pytest.raises(InputError) as refused:
-        read_table(path, "a.csv", numbers=None, remedy="")
+        read_table(Source.at(path), numbers=None)
     (problem,) = refused.value.problems
     assert problem.row == 5
     assert "1 more row is like this" in problem.remedy
@@ -200,7 +201,7 @@ def test_rows_that_break_are_one_problem_with_the_first_place(tmp_path: Path) ->
 )
 def test_damaged_text_is_refused(data: bytes, says: str) -> None:
     with pytest.raises(InputError, match=says):
-        text_table(data, "a.csv")
+        text_table(data, Source(Path("a.csv"), "a.csv"))
 
 
 def test_the_words_name_all_that_was_found() -> None:
@@ -221,7 +222,7 @@ def test_any_text_is_read_or_refused(text: str, encoding: str) -> None:
     """Never a traceback; as numbers only what are numbers in the spelling that was found."""
     path = Path(tempfile.mkdtemp()) / "a.csv"
     try:
-        for read_any in (lambda: read(path, text, encoding), lambda: read_cells(path, ())):
+        for read_any in (lambda: read(path, text, encoding), lambda: read_cells(Source.at(path), ())):
             try:
                 found = read_any()
             except InputError:

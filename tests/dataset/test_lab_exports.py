@@ -9,6 +9,7 @@ import pytest
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.recorders import contents_of, read_recording
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.errors import InputError
@@ -76,36 +77,38 @@ NAMES = "abs time\tFx\tFy\tFz\tMx\tFx\tFz"
 def test_names_are_the_last_row_of_text_above_the_numbers(
     above: list[str], columns: int, delimiter: str, names: list[str], units: list[str] | None, tmp_path: Path
 ) -> None:
-    found = contents_of(export(tmp_path / "a.txt", above, columns, delimiter), "a.txt")
+    found = contents_of(Source.at(export(tmp_path / "a.txt", above, columns, delimiter)))
     assert list(found.channels) == names
     for name, written in zip(names, [TIME, *VALUES], strict=False):
         np.testing.assert_allclose(found.channels[name].values, written, rtol=1e-5, atol=0)
     if units is not None:
         assert [channel.unit for channel in found.channels.values()] == units
-    again = read_recording(tmp_path / "a.txt", "a.txt", signal(time_column=names[0], value_column=names[-1]))
+    again = read_recording(
+        Source.at(tmp_path / "a.txt"), signal(time_column=names[0], value_column=names[-1])
+    )
     np.testing.assert_array_equal(again.values, found.channels[names[-1]].values)
     assert again.rows[0] == found.first_row == len(above) + 1
 
 
 def test_a_name_that_stands_twice_is_asked_for_by_its_place(tmp_path: Path) -> None:
     path = export(tmp_path / "a.txt", ["t\tFx (N)\tFx (N)"])
-    assert [(name, c.unit) for name, c in contents_of(path, "a.txt").channels.items()] == [
+    assert [(name, c.unit) for name, c in contents_of(Source.at(path)).channels.items()] == [
         ("t", ""), ("Fx (N) (column 2)", "N"), ("Fx (N) (column 3)", "N"),
     ]  # fmt: skip
     with pytest.raises(
         InputError, match=r"every column name once.*Fx \(N\) \(column 2\), Fx \(N\) \(column 3\)"
     ):
-        read_recording(path, "a.txt", signal(value_column="Fx (N)"))
+        read_recording(Source.at(path), signal(value_column="Fx (N)"))
 
 
 def test_what_goes_wrong_with_names_says_how_to_state_their_row(tmp_path: Path) -> None:
     path = export(tmp_path / "a.txt", ["Time,Acc", "by hand,none"], 1, ",")
     with pytest.raises(InputError, match="header_row"):
-        read_recording(path, "a.txt", signal(time_column="Zeit", value_column="Kraft"))
-    assert list(contents_of(path, "a.txt", Stated(header_row=1)).channels) == ["Time", "Acc"]
+        read_recording(Source.at(path), signal(time_column="Zeit", value_column="Kraft"))
+    assert list(contents_of(Source.at(path, stated=Stated(header_row=1))).channels) == ["Time", "Acc"]
     path.write_text("a,b\n" + "1,2,3\n" * 9)
     with pytest.raises(InputError, match=r"--text header_row=N"):
-        contents_of(path, "a.txt")
+        contents_of(Source.at(path))
 
 
 @pytest.mark.parametrize(
@@ -125,10 +128,10 @@ def test_start_and_increment_of_an_oscilloscope_are_its_clock(
     if len(above) == 1:
         rows[0] = rows[0].removesuffix(empty) + f",-0.001,{STEP}"
     (tmp_path / "a.csv").write_text("\n".join([*above, *rows]) + "\n")
-    found = contents_of(tmp_path / "a.csv", "a.csv").channels
+    found = contents_of(Source.at(tmp_path / "a.csv")).channels
     assert list(found) == ["X", "CH1", "CH2"]
     np.testing.assert_array_equal(found["CH2"].values, VALUES[1])
-    again = read_recording(tmp_path / "a.csv", "a.csv", signal(value_column="CH2"))
+    again = read_recording(Source.at(tmp_path / "a.csv"), signal(value_column="CH2"))
     np.testing.assert_array_equal(again.values, VALUES[1])
     for clock in (found["CH1"].clock, again.clock):
         np.testing.assert_allclose(clock, TIME, rtol=0, atol=1e-15)
@@ -139,20 +142,20 @@ def test_cells_may_be_missing_behind_the_columns_in_use(tmp_path: Path) -> None:
     rows[3] += ",touched"
     path = tmp_path / "a.csv"
     path.write_text("\n".join(["time_s,value,comment", *rows]) + "\n")
-    found = read_recording(path, "a.csv", signal())
+    found = read_recording(Source.at(path), signal())
     np.testing.assert_array_equal(found.values, VALUES[0])
-    assert list(contents_of(path, "a.csv").channels) == ["time_s", "value"]
+    assert list(contents_of(Source.at(path)).channels) == ["time_s", "value"]
     # A cell of a column that is used is missed with its row, and so is one too many.
     for cut in ("0.002", "0.002,1,2,3"):
         path.write_text("\n".join(["time_s,value,comment", *rows[:30], cut, *rows[31:]]) + "\n")
         with pytest.raises(InputError, match=r"a\.csv, row 32"):
-            read_recording(path, "a.csv", signal())
+            read_recording(Source.at(path), signal())
 
 
 def test_a_table_of_facts_has_no_name_twice(tmp_path: Path) -> None:
     (tmp_path / "impacts.csv").write_text("impact,mass_kg,mass_kg\na,1,2\n")
     with pytest.raises(InputError, match="every column name once"):
-        read_cells(tmp_path / "impacts.csv", ["impact"])
+        read_cells(Source.at(tmp_path / "impacts.csv"), ["impact"])
 
 
 def labview(path: Path, **options: object) -> bytes:
@@ -161,7 +164,7 @@ def labview(path: Path, **options: object) -> bytes:
 
 
 def assert_whole(path: Path) -> None:
-    for found in (contents_of(path, path.name).channels["Impact"], read_recording(path, path.name, signal())):
+    for found in (contents_of(Source.at(path)).channels["Impact"], read_recording(Source.at(path), signal())):
         np.testing.assert_allclose(found.values, VALUES[0], rtol=1e-11, atol=0)
         np.testing.assert_allclose(found.clock, TIME, rtol=0, atol=1e-12)
 
@@ -185,7 +188,7 @@ def test_pieces_without_times_are_refused(tmp_path: Path) -> None:
     # Nothing says whether they follow each other.
     labview(tmp_path / "b.lvm", samples=20, x_columns="No")
     with pytest.raises(InputError, match="60 rows where 20 are stated"):
-        contents_of(tmp_path / "b.lvm", "b.lvm")
+        contents_of(Source.at(tmp_path / "b.lvm"))
 
 
 def test_decimal_commas_are_read_though_the_header_does_not_tell(tmp_path: Path) -> None:
@@ -203,10 +206,10 @@ def test_labview_numbers_without_a_header_are_a_table(decimal: str, tmp_path: Pa
     rows = [f"{t:.4f}\t{v}".replace(".", decimal) for t, v in zip(TIME, VALUES[0], strict=True)]
     (tmp_path / "a.lvm").write_text("\n".join(rows) + "\n")
     names = signal(time_column="column 1", value_column="column 2")
-    found = read_recording(tmp_path / "a.lvm", "a.lvm", names)
+    found = read_recording(Source.at(tmp_path / "a.lvm"), names)
     np.testing.assert_array_equal(found.values, VALUES[0])
     np.testing.assert_allclose(found.clock, TIME, rtol=0, atol=1e-12)
-    assert list(contents_of(tmp_path / "a.lvm", "a.lvm").channels) == ["column 1", "column 2"]
+    assert list(contents_of(Source.at(tmp_path / "a.lvm")).channels) == ["column 1", "column 2"]
 
 
 def lines_of(name: str, time: np.ndarray, value: np.ndarray) -> list[str]:
@@ -234,13 +237,13 @@ def test_a_text_is_read_whatever_it_is_called(
 ) -> None:
     time, value = np.arange(200) / 1000, np.sin(np.arange(200) / 10)
     (tmp_path / name).write_text("\n".join(lines_of(name, time, value)) + "\n")
-    channels = contents_of(tmp_path / name, name).channels
+    channels = contents_of(Source.at(tmp_path / name)).channels
     own = columns or (None, next(iter(channels)))
     np.testing.assert_allclose(channels[own[1]].values, value, atol=1e-6)
     if columns:
         np.testing.assert_allclose(channels[columns[0]].values, time, atol=1e-6)
         chosen = signal(time_column=columns[0], value_column=columns[1])
-        np.testing.assert_allclose(read_recording(tmp_path / name, name, chosen).clock, time, atol=1e-6)
+        np.testing.assert_allclose(read_recording(Source.at(tmp_path / name), chosen).clock, time, atol=1e-6)
     assert [file.name for file in look(tmp_path).files] == [name]
 
 
@@ -248,4 +251,4 @@ def test_a_text_is_read_whatever_it_is_called(
 def test_what_is_no_text_of_numbers_is_not_read_as_one(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "a.d").write_bytes(content)
     with pytest.raises(InputError, match="ending in"):
-        contents_of(tmp_path / "a.d", "a.d")
+        contents_of(Source.at(tmp_path / "a.d"))

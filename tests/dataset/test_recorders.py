@@ -14,6 +14,7 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from bayestissue.dataset import Dataset, read_dataset
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
 from dataset_bench import MASSES, NAMES, RATE, Lab, tables
@@ -282,7 +283,7 @@ def test_fields_and_columns_of_matlab_are_named(
     lab.replace("dataset.toml", "[signal]", f"[signal]\n{names}")
     files_instead(lab, ".mat", write)
     assert_same(read_dataset(lab.folder))
-    channels = contents_of(next(lab.folder.glob("*.mat")), "a.mat").channels
+    channels = contents_of(Source.at(next(lab.folder.glob("*.mat")))).channels
     assert not {"com", "comtext", "test.daq.cfg.gain", "#refs#.a"} & set(channels)
 
 
@@ -301,7 +302,7 @@ def test_channels_come_with_the_unit_that_the_file_states(
 ) -> None:
     path = tmp_path / f"a{suffix}"
     write(path, np.arange(40.0))
-    ((_, channel),) = contents_of(path, path.name).channels.items()
+    ((_, channel),) = contents_of(Source.at(path)).channels.items()
     assert (channel.unit, len(channel.values)) == (unit, 40)
 
 
@@ -318,7 +319,7 @@ def test_whole_numbers_of_c3d_are_scaled_as_its_analog_group_says(tmp_path: Path
         at += data[at - 1]
         data[at : at + len(stored)] = stored
     (tmp_path / "whole.c3d").write_bytes(data[:begin] + raw.tobytes())
-    read = contents_of(tmp_path / "whole.c3d", "whole.c3d").channels["value"]
+    read = contents_of(Source.at(tmp_path / "whole.c3d")).channels["value"]
     # SCALE itself has four bytes.
     np.testing.assert_allclose(
         np.asarray(read.values), (raw - float(offset)) * np.float64(np.float32(scale)), rtol=1e-15
@@ -328,7 +329,7 @@ def test_whole_numbers_of_c3d_are_scaled_as_its_analog_group_says(tmp_path: Path
 def test_a_c3d_file_without_analog_channels_has_those_of_its_markers(tmp_path: Path) -> None:
     height = np.linspace(100.0, 80.0, 30)
     markers(tmp_path / "a.c3d", height, 200.0, hidden=7)
-    found = contents_of(tmp_path / "a.c3d", "a.c3d").channels
+    found = contents_of(Source.at(tmp_path / "a.c3d")).channels
     assert list(found) == [f"{name}.{axis}" for name in ("HAMR", "REST") for axis in "xyz"]
     own = found["HAMR.z"]
     seen = np.arange(30) != 7
@@ -343,7 +344,7 @@ def test_a_marker_at_the_origin_is_a_gap(tmp_path: Path) -> None:
     """Some programs write a marker that no camera saw as 0, 0, 0 and a residual of 0."""
     height = np.where(np.arange(30) == 7, 0.0, np.linspace(100.0, 80.0, 30))
     markers(tmp_path / "a.c3d", height, 200.0)
-    own = contents_of(tmp_path / "a.c3d", "a.c3d").channels["HAMR.z"]
+    own = contents_of(Source.at(tmp_path / "a.c3d")).channels["HAMR.z"]
     assert np.flatnonzero(np.isnan(np.asarray(own.values))).tolist() == [7]
 
 
@@ -470,7 +471,7 @@ def test_no_pickle_is_read_or_left_beside_a_recording(lab: Lab) -> None:
 def test_a_shock_table_as_labview_writes_it(shock_table: Path) -> None:
     """Two channels of 51,200 samples at 51.2 kHz beside four of five samples, one every second."""
     for path in sorted(shock_table.glob("*.lvm")):
-        channels = contents_of(path, path.name).channels
+        channels = contents_of(Source.at(path)).channels
         assert [len(channel.values) for channel in channels.values()] == [51_200] * 2 + [5] * 4
         assert all(np.isfinite(channel.values).all() for channel in channels.values())
         for channel in channels.values():

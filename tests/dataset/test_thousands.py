@@ -10,6 +10,7 @@ import pytest
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.impacts import impact_table
 from bayestissue.dataset.tables import read_table
 from bayestissue.errors import InputError
@@ -29,7 +30,7 @@ def table(delimiter: str, *cells: str) -> str:
 
 def masses(path: Path, text: str, stated: Stated | None = None) -> list[str]:
     path.write_text(text)
-    return read_cells(path, [], stated=stated)[0]["mass_g"].tolist()
+    return read_cells(Source.at(path, stated=stated))[0]["mass_g"].tolist()
 
 
 @pytest.mark.parametrize(
@@ -89,18 +90,18 @@ def test_one_number_that_tells_settles_the_marks(
 def test_a_name_settles_nothing(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("trial;mass_g\n0,5;1,000\n0,5;1,500\n")
     with pytest.raises(InputError, match="mass_g"):
-        read_cells(tmp_path / "a.csv", [])
+        read_cells(Source.at(tmp_path / "a.csv"), [])
 
 
 def test_recordings_too(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("n;a\n" + "".join(f"{n};{n % 9 + 1},250\n" for n in range(300)))
     with pytest.raises(InputError, match=r"1,250.*one way"):
-        read_table(path, "a.csv", numbers=None, remedy="")
-    read = read_table(path, "a.csv", numbers=None, remedy="", stated=Stated(decimal="comma"))
+        read_table(Source.at(path), numbers=None)
+    read = read_table(Source.at(path, stated=Stated(decimal="comma")), numbers=None)
     assert read.numbers["a"].array[:2].tolist() == [1.25, 2.25]
     path.write_text(path.read_text() + "300;0,250\n")
-    assert read_table(path, "a.csv", numbers=None, remedy="").numbers["a"].array[0] == 1.25
+    assert read_table(Source.at(path), numbers=None).numbers["a"].array[0] == 1.25
 
 
 def test_a_fact_of_an_option_or_a_name() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset.files import of_part
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.recorders import contents_of, read_recording
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.errors import InputError
@@ -54,19 +54,19 @@ def init(folder: Path, out: Path, *options: str | Path):
 def test_each_block_is_a_recording_with_its_rows(form: str, name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     blocks(path, [recorded(0), recorded(1), recorded(2)], form)
-    assert len(contents_of(path, name).blocks) == 3
+    assert len(contents_of(Source.at(path)).blocks) == 3
     lines = path.read_text().split("\n")
     for which in range(3):
         part = path.with_name(f"{name}#{which + 1}")
-        found = read_recording(part, part.name, SIGNAL)
+        found = read_recording(Source.at(part), SIGNAL)
         time, value = recorded(which)
         np.testing.assert_allclose(found.values, value, rtol=1e-11, atol=0)
         np.testing.assert_allclose(found.clock, time, rtol=0, atol=1e-9)
         assert float(lines[found.rows[0] - 1].split("\t")[1]) == pytest.approx(value[0])
     with pytest.raises(InputError, match=rf'found "3 blocks"; expected one recording.*such as {name}#1'):
-        read_recording(path, name, SIGNAL)
+        read_recording(Source.at(path), SIGNAL)
     with pytest.raises(InputError, match=r'found "#4"; expected the number of a block. It has 3'):
-        read_recording(tmp_path / f"{name}#4", f"{name}#4", SIGNAL)
+        read_recording(Source.at(tmp_path / f"{name}#4"), SIGNAL)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_blocks_of_one_sample_are_one_recording(tmp_path: Path) -> None:
 
 
 def assert_whole(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    found = read_recording(path, path.name, SIGNAL)
+    found = read_recording(Source.at(path), SIGNAL)
     np.testing.assert_allclose(found.values, value, rtol=1e-11, atol=0)
     np.testing.assert_allclose(found.clock, time, rtol=0, atol=1e-9)
     lines = path.read_text().split("\n")
@@ -104,7 +104,7 @@ def test_pieces_without_a_header_and_times_are_refused(tmp_path: Path) -> None:
     # They may be one recording or several.
     blocks(tmp_path / "a.lvm", [recorded(0), recorded(1)], "empty line", x_columns="No")
     with pytest.raises(InputError, match="expected a header, or times in a column X_Value, of every piece"):
-        contents_of(tmp_path / "a.lvm", "a.lvm")
+        contents_of(Source.at(tmp_path / "a.lvm"))
 
 
 def test_two_recordings_in_segments_are_two(tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def test_two_recordings_in_segments_are_two(tmp_path: Path) -> None:
     later = time + 3.0
     halves += [(later[:200], other[:200]), (later[200:], other[200:])]
     blocks(tmp_path / "a.lvm", halves)
-    first, second = (read_recording(tmp_path / f"a.lvm#{n}", f"a.lvm#{n}", SIGNAL) for n in (1, 2))
+    first, second = (read_recording(Source.at(tmp_path / f"a.lvm#{n}"), SIGNAL) for n in (1, 2))
     np.testing.assert_allclose(first.values, value, rtol=1e-11, atol=0)
     np.testing.assert_allclose(second.values, other, rtol=1e-11, atol=0)
     assert second.clock[0] == pytest.approx(later[0])
@@ -131,10 +131,10 @@ def test_a_header_without_numbers_is_refused(tmp_path: Path) -> None:
     ):
         path.write_text(text[:end])
         with pytest.raises(InputError, match="expected numbers below every header"):
-            contents_of(path, "a.lvm")
+            contents_of(Source.at(path))
     path.write_text("\n".join(text.split("\n")[:-2]) + "\n")
     with pytest.raises(InputError, match="399 rows where 400 are stated"):
-        contents_of(path, "a.lvm")
+        contents_of(Source.at(path))
 
 
 def test_a_table_has_no_blocks(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ def test_a_table_has_no_blocks(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r'a\.csv#1: found "#1"; expected the name of a file, which has no parts'
     ):
-        read_recording(tmp_path / "a.csv#1", "a.csv#1", SIGNAL)
+        read_recording(Source.at(tmp_path / "a.csv#1"), SIGNAL)
 
 
 @pytest.fixture
@@ -216,8 +216,9 @@ def test_one_file_of_many_blocks_is_of_one_person(tmp_path: Path) -> None:
 
 
 def test_a_path_names_a_block_unless_a_file_is_called_so(tmp_path: Path) -> None:
-    assert of_part(Path("a/b.LVM#12")) == (Path("a/b.LVM"), "12")
+    part = Source.at(Path("a/b.LVM#12"))
+    assert (part.path, part.part, part.label) == (Path("a/b.LVM"), "12", "b.LVM#12")
     for whole in ("a.lvm", "a.lvm#left", "a.tdms#1", "#1"):
-        assert of_part(Path(whole)) == (Path(whole), "")
+        assert (Source.at(Path(whole)).path, Source.at(Path(whole)).part) == (Path(whole), "")
     (tmp_path / "a.lvm#1").write_text("")
-    assert of_part(tmp_path / "a.lvm#1") == (tmp_path / "a.lvm#1", "")
+    assert Source.at(tmp_path / "a.lvm#1").path == tmp_path / "a.lvm#1"

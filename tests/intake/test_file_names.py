@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from pathlib import Path
 
 import pytest
 
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.formats import unit_in_name
 from bayestissue.errors import InputError
 from bayestissue.intake.names import Pattern, columns
@@ -32,8 +34,7 @@ from bayestissue.intake.names import Pattern, columns
     ],
 )
 def test_fields_come_out_of_a_name(pattern: str, file: str, found: dict[str, str]) -> None:
-    suffix = ".csv.gz" if file.endswith(".gz") else file[file.rindex(".") :].lower()
-    assert Pattern.parse(pattern).read(file, suffix) == found
+    assert Pattern.parse(pattern).read(Source(Path(file), file)) == found
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,7 @@ def test_fields_come_out_of_a_name(pattern: str, file: str, found: dict[str, str
 )
 def test_a_name_that_can_be_read_in_two_ways_is_refused_with_both(pattern: str, file: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
-        Pattern.parse(pattern).read(file, ".lvm")
+        Pattern.parse(pattern).read(Source(Path(file), file))
 
 
 @pytest.mark.parametrize("field", ["", "mass_kg", "größe"])
@@ -55,7 +56,7 @@ def test_many_fields_take_no_longer_than_few(field: str) -> None:
     pattern = Pattern.parse("{subject}_" + "".join(names) + "x")
     begin = time.monotonic()
     with pytest.raises(InputError, match="a name like"):
-        pattern.read(f"s1_{'1' * 200}y.csv", ".csv")
+        pattern.read(Source.at(Path(f"s1_{'1' * 200}y.csv")))
     # Backtracking would not end within anybody's life.
     assert time.monotonic() - begin < 2
 
@@ -70,7 +71,7 @@ def test_a_long_name_of_a_column_is_looked_through_once(name: str) -> None:
 
 def test_a_name_that_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match=r'x/s1.lvm: found "s1"; expected a name like "{subject}_{n}"'):
-        Pattern.parse("{subject}_{n}").read("x/s1.lvm", ".lvm")
+        Pattern.parse("{subject}_{n}").read(Source(Path("x/s1.lvm"), "x/s1.lvm"))
 
 
 @pytest.mark.parametrize(

@@ -5,19 +5,24 @@ from __future__ import annotations
 import shutil
 import tomllib
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import bayestissue as bt
+from bayestissue.dataset.files import Source
 from bayestissue.intake import Choices, prepare
+from bayestissue.intake.folder import File
 from bayestissue.intake.names import contradictions, guessed
 from bayestissue.resources import shared
 from command_line import bayestissue
 
 RECORDED = shared("data", "tutorial", "recorded")
+
+
+def named(name: str) -> File:
+    return File(Source(Path(name), name), {})
 
 
 @pytest.mark.parametrize(
@@ -47,12 +52,12 @@ RECORDED = shared("data", "tutorial", "recorded")
     ],
 )
 def test_a_pattern_is_what_names_look_like(names: str, pattern: str | None) -> None:
-    files = [SimpleNamespace(name=f"{name}.csv", suffix=".csv") for name in names.split()]
+    files = [named(f"{name}.csv") for name in names.split()]
     assert guessed(files) == pattern
 
 
 def test_what_is_given_otherwise_does_not_matter_in_names() -> None:
-    files = [SimpleNamespace(name=f"p{n}_{s}_500g.csv", suffix=".csv") for n in (1, 2) for s in "lr"]
+    files = [named(f"p{n}_{s}_500g.csv") for n in (1, 2) for s in "lr"]
     assert guessed(files, {"mass_kg", "side"}) == "{subject}_{}_{}g"
 
 
@@ -84,7 +89,7 @@ def test_of_one_person_masses_in_names_are_read(tmp_path: Path) -> None:
     ],
 )
 def test_what_a_name_says_otherwise_is_told_with_both(names: str, given: dict[str, str], found: list) -> None:
-    files = [SimpleNamespace(name=f"{name}.csv", suffix=".csv") for name in names.split()]
+    files = [named(f"{name}.csv") for name in names.split()]
     problems = [problem for file in files for problem in contradictions(file, given)]
     assert [(p.file, p.value, p.expected.split('"')[1]) for p in problems] == found
 

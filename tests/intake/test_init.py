@@ -16,6 +16,7 @@ from nptdms import ChannelObject, TdmsWriter
 import bayestissue as bt
 from bayestissue.commands import init as command
 from bayestissue.dataset import Recorder
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.left_out import reasons
 from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
@@ -487,7 +488,7 @@ def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:
     recorded = tmp_path / "recorded"
     recorded.mkdir()
     sequence(recorded / "all.tdms")
-    values = contents_of(recorded / "all.tdms", "all.tdms").channels["Impact"]
+    values = contents_of(Source.at(recorded / "all.tdms")).channels["Impact"]
     pd.DataFrame({"Impact (m/s^2)": np.asarray(values.values)}).to_csv(recorded / "all.csv", index=False)
     (recorded / "all.tdms").unlink()
     table = facts(file="all", number=range(1, len(DROPS) + 1))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset.files import of_part
+from bayestissue.dataset.files import Source
 from bayestissue.errors import InputError
 from command_line import bayestissue
 from dataset_bench import deceleration
@@ -142,7 +142,7 @@ def test_a_sheet_that_is_not_there_is_told(clinic: Path, tmp_path: Path) -> None
 
 def test_a_file_may_be_called_like_a_sheet(tmp_path: Path) -> None:
     path = tmp_path / "a.xlsx#b"
-    assert of_part(path) == (tmp_path / "a.xlsx", "b")
+    assert (Source.at(path).path, Source.at(path).part) == (tmp_path / "a.xlsx", "b")
     path.write_text("x")
-    assert of_part(path) == (path, "")
-    assert of_part(tmp_path / "drop#1.csv") == (tmp_path / "drop#1.csv", "")
+    assert (Source.at(path).path, Source.at(path).part) == (path, "")
+    assert Source.at(tmp_path / "drop#1.csv").part == ""

@@ -13,6 +13,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.dataset.clock_times import seconds
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
 from command_line import bayestissue
@@ -145,7 +146,7 @@ def test_a_rate_that_the_times_contradict_is_refused(tmp_path: Path) -> None:
 def test_clock_times_of_a_workbook_are_seconds(tmp_path: Path) -> None:
     time, value = recording()
     table = pd.DataFrame({"Uhrzeit": HOW["a date and a time"](time), "Impact": value})
-    channels = contents_of(folder(tmp_path, table, "xlsx") / "s1.xlsx", "s1.xlsx").channels
+    channels = contents_of(Source.at(folder(tmp_path, table, "xlsx") / "s1.xlsx")).channels
     np.testing.assert_allclose(channels["Uhrzeit"].values, time, rtol=0, atol=1e-9)
     assert channels["Uhrzeit"].unit == "s"
 
@@ -159,7 +160,7 @@ def test_times_of_a_workbook_keep_all_their_digits(
     time, value = np.arange(200) / 12_800, np.sin(np.arange(200.0))
     cells = [Styled(float(begin + t / 86_400), style) for t in time]
     xlsx(tmp_path / "a.xlsx", [["Zeit", "a"], *map(list, zip(cells, value.tolist(), strict=True))])
-    channels = contents_of(tmp_path / "a.xlsx", "a.xlsx").channels
+    channels = contents_of(Source.at(tmp_path / "a.xlsx")).channels
     np.testing.assert_allclose(channels["Zeit"].values, time, rtol=0, atol=within)
 
 

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from bayestissue.dataset.cells import read_cells
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.impacts import wanted
 from bayestissue.dataset.recorders import SUFFIXES
 from bayestissue.dataset.settings import FILE as SETTINGS
@@ -125,12 +126,11 @@ class Campaign:
         filled = {*map(fills, known), "impact"}
         return [name for name in wanted(needs_velocity=True) if name not in filled]
 
-    def cells(self, file: str, suffix: str, *further: Mapping[str, str]) -> Cells:
+    def cells(self, file: str, *further: Mapping[str, str]) -> Cells:
         """The cells of `impacts.csv` of a recording.
 
         Args:
             file: its path relative to the folder.
-            suffix: how its name ends.
             further: what holds of it besides, such as its row of the order; the last counts most. What its
                 name says counts more than all of that, and the campaign's facts less.
 
@@ -138,16 +138,16 @@ class Campaign:
             InputError: its name does not fit the pattern, or a number is none.
         """
         facts = dict(self.facts)
-        for source in (*further, self.pattern.read(file, suffix) if self.pattern else {}):
+        for source in (*further, self.pattern.read(Source(Path(file), file)) if self.pattern else {}):
             filled = set(map(fills, source))
             facts = {name: text for name, text in facts.items() if fills(name) not in filled}
             facts |= source
         return columns(facts, file)
 
-    def named(self, file: str, suffix: str) -> Cells:
+    def named(self, file: str) -> Cells:
         """The cells that the name of a recording fills; none where it does not fit the pattern."""
         try:
-            return columns(self.pattern.read(file, suffix), file) if self.pattern else {}
+            return columns(self.pattern.read(Source(Path(file), file)), file) if self.pattern else {}
         except InputError:
             return {}
 
@@ -191,7 +191,8 @@ def read_campaign(path: Path) -> Campaign:
 
 
 def _order(path: Path, label: str) -> tuple[dict[str, str], ...]:
-    cells, rows = read_cells(path, [], label=label, remedy="Write one: a header and a row for each drop.")
+    source = Source.at(path, label, remedy="Write one: a header and a row for each drop.")
+    cells, rows = read_cells(source)
     records = [{str(k): str(v) for k, v in row.items() if v} for row in cells.to_dict("records")]
     problems: list[Problem] = []
     for row, record in zip(rows, records, strict=True):

@@ -26,13 +26,13 @@ from bayestissue.bench.verdict import Kind, is_spoilt
 from bayestissue.dataset import Dataset
 from bayestissue.dataset.arrays import plain_text
 from bayestissue.dataset.cells import FILE as IMPACTS
-from bayestissue.dataset.cells import cells_of, read_cells
+from bayestissue.dataset.cells import Records, read_cells
+from bayestissue.dataset.files import Source, suffix_of
 from bayestissue.dataset.impacts import REFERENCE, RESERVED, impact_table, wanted
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import left_out_text, reasons, write_left_out
 from bayestissue.dataset.read import checked_dataset
 from bayestissue.dataset.reading import read_files
-from bayestissue.dataset.recorders import suffix_of
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.write import settings_text
 from bayestissue.errors import InputError, Problem, refuse
@@ -232,7 +232,7 @@ class Drops:
 
     def _table(self) -> list[Cells]:
         """The rows of `impacts.csv`, as text."""
-        cells, rows = read_cells(self.folder / IMPACTS, wanted(needs_velocity=True))
+        cells, rows = read_cells(Source(self.folder / IMPACTS, IMPACTS), wanted(needs_velocity=True))
         refuse(impact_table(cells, rows, needs_velocity=True).problems)
         return [{str(k): v for k, v in row.items() if v} for row in cells.to_dict("records")]
 
@@ -509,7 +509,7 @@ def dataset_of(folder: Path, campaign: Campaign, row: Cells) -> Dataset:
     """
     settings = campaign.settings
     body = [[plain_text(value) for value in row.values()]]
-    cells, rows = cells_of(list(row), body, [2], wanted(needs_velocity=True))
+    cells, rows = Records(list(row), body, [2]).cells(wanted(needs_velocity=True))
     table = impact_table(cells, rows, needs_velocity=True)
     reading = read_files(folder, table.table, table.row, settings.signal)
     reading.problems[:0] = table.problems

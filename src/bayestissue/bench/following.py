@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from bayestissue.dataset.recorders import SUFFIXES, suffix_of
+from bayestissue.dataset.files import suffix_of
+from bayestissue.dataset.recorders import SUFFIXES
 from bayestissue.intake.folder import files_within, natural
 
 

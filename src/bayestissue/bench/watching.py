@@ -25,8 +25,8 @@ from bayestissue.bench.order import Order
 from bayestissue.bench.study import Study
 from bayestissue.bench.verdict import Verdict, verdict
 from bayestissue.dataset import read_dataset
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.impacts import wanted
-from bayestissue.dataset.recorders import suffix_of
 from bayestissue.dataset.traces import Traces
 from bayestissue.errors import InputError, Problem, printable
 from bayestissue.figures.impacts import end
@@ -290,7 +290,7 @@ class Watch:
         row_of, facts = self._rows_of(in_order)
         first = {name: at for name, at in row_of.items() if name not in rows}
         # One that is gone may have got a new name, by which a row can be its own.
-        named = {name: self.campaign.named(name, suffix_of(Path(name))) for name in first}
+        named = {name: self.campaign.named(name) for name in first}
         all_rows = self.order.named(self._people())
         lost = [
             at
@@ -386,8 +386,7 @@ class Watch:
         row_of: dict[str, int] = {}
         facts: dict[str, tuple[bool, Any]] = {}
         for name in names:
-            suffix = suffix_of(Path(name))
-            named = self.campaign.named(name, suffix)
+            named = self.campaign.named(name)
             if "subject" in named and str(named["subject"]) not in people:
                 people.append(str(named["subject"]))
             now = self.order.named(people)
@@ -401,7 +400,7 @@ class Watch:
                 row_of[name] = at
             try:
                 row = {} if at is None else now[at]
-                cells = self.campaign.cells(name, suffix, _as_text(row), self.drops.chosen)
+                cells = self.campaign.cells(name, _as_text(row), self.drops.chosen)
             except InputError:
                 facts[name] = False, None
             else:
@@ -509,7 +508,7 @@ class Watch:
 
     def _say_other_facts(self, drop: Drop) -> None:
         """Facts of a drop that was taken anew and keeps its row, where the page says others of next drops."""
-        named = self.campaign.named(drop.file, suffix_of(Path(drop.file)))
+        named = self.campaign.named(drop.file)
         for name, value in columns(self.drops.chosen, "page").items():
             if name not in named and drop.cells.get(name) != value:
                 words = f"keeps {facts_words({name: drop.cells.get(name, 'nothing')})} of its row"
@@ -565,21 +564,22 @@ class Watch:
             name: of the file.
             moved: the drop of its recording, which had another name; what that said does not hold any more.
         """
-        suffix = suffix_of(Path(name))
         if known := self.drops.of_file(name):
             return known.cells
         if moved is not None:
-            said = self.campaign.named(moved.file, suffix)
+            said = self.campaign.named(moved.file)
             cells = {k: v for k, v in moved.cells.items() if k not in said and k not in ("impact", "trace")}
             return cells | (
-                columns(self.campaign.pattern.read(name, suffix), name) if self.campaign.pattern else {}
+                columns(self.campaign.pattern.read(Source(Path(name), name)), name)
+                if self.campaign.pattern
+                else {}
             )
         at = self.drops.rows.get(name)
         people = self._people()
-        if "subject" in (named := self.campaign.named(name, suffix)):
+        if "subject" in (named := self.campaign.named(name)):
             people[str(named["subject"])] = None
         following = {} if at is None else self.order.named(people).get(at, {})
-        return self.campaign.cells(name, suffix, _as_text(following), self.drops.chosen)
+        return self.campaign.cells(name, _as_text(following), self.drops.chosen)
 
     def left(self) -> list[Cells]:
         """The drops that the order or the plan still has."""

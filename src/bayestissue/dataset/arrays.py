@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.cells import FILE as IMPACTS
-from bayestissue.dataset.cells import cells_of, column_problems
+from bayestissue.dataset.cells import Records, column_problems
 from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
 from bayestissue.dataset.channels import on_first_clock
 from bayestissue.dataset.impacts import impact_table, wanted
@@ -148,7 +148,7 @@ def dataset(
         needs_velocity = settings.needs_velocity
         names, body = _texts(impacts)
         numbers = range(FIRST_ROW, len(body) + FIRST_ROW)
-        cells, rows = cells_of(names, body, numbers, wanted(needs_velocity=needs_velocity))
+        cells, rows = Records(names, body, numbers).cells(wanted(needs_velocity=needs_velocity))
         table = impact_table(cells, rows, needs_velocity=needs_velocity)
         listed = cells["impact"].tolist()
         with along_with(table.problems):

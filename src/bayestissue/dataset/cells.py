@@ -9,20 +9,20 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import zip_longest
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.dialect import NAMES, Stated, text_table
-from bayestissue.dataset.files import of_part, read_bytes
+from bayestissue.dataset.dialect import NAMES, Dialect, text_table
+from bayestissue.dataset.files import Source
 from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem, has_control_characters, refuse
 from bayestissue.outline import counted
 from bayestissue.results.tables import as_written
 
 FILE = "impacts.csv"
+REMEDY = "Write one: a header and one row per impact; docs/how-to/write-a-dataset.md shows how."
 
 # The columns that a table of impacts is read by.
 _STANDARD = (
@@ -80,36 +80,71 @@ def no_column(strange: Sequence[str], columns: Sequence[str]) -> str:
     return f"there is no column {', '.join(strange)}" + (f"; {meant} is near" if meant else "")
 
 
-def read_cells(
-    path: Path,
-    wanted: Sequence[str],
-    *,
-    label: str = FILE,
-    keep_empty: bool = False,
-    remedy: str = "Write one: a header and one row per impact; docs/how-to/write-a-dataset.md shows how.",
-    stated: Stated | None = None,
-) -> tuple[pd.DataFrame, np.ndarray]:
-    """All cells as text without the spaces around them, numbers with a decimal point, and their rows.
+class Records(NamedTuple):
+    """The records of a table as they were read.
 
-    The table's ``attrs["written"]`` says how the file is written.
+    Attributes:
+        names: of the columns.
+        body: the cells of every record, without the spaces around them.
+        lines: the row of each record.
+        label: what messages call the table.
+        dialect: how its file is written.
+    """
+
+    names: list[str]
+    body: list[list[str]]
+    lines: Sequence[int]
+    label: str = FILE
+    dialect: Dialect = Dialect()
+
+    def cells(self, wanted: Sequence[str] = ()) -> tuple[pd.DataFrame, np.ndarray]:
+        """All cells as text, and their rows; ``attrs["written"]`` of the table says how the file is written.
+
+        Args:
+            wanted: the columns that there must be.
+
+        Raises:
+            InputError: the names or the number of cells are wrong, or there is no record.
+        """
+        label, row, delimiter = self.label, self.dialect.header_row, self.dialect.delimiter
+        names = standard_names(self.names) if "subject" in wanted else self.names
+        problems = column_problems(label, names, wanted, row)
+        problems += [p for p in column_problems(label, names, (), row) if p.column not in wanted]
+        odd = {"control-characters": any(map(has_control_characters, names)), "empty": "" in names}
+        listed = ", ".join(names)
+        problems += [
+            Problem.stated(f"column-names.{kind}", label, row, value=listed) for kind in odd if odd[kind]
+        ]
+        ragged = [
+            (line, len(cells), delimiter.join(cells))
+            for line, cells in zip(self.lines, self.body, strict=True)
+            if len(cells) != len(names)
+        ]
+        problems += [ragged_problem(label, len(names), ragged, delimiter)] if ragged else []
+        if not self.body:
+            problems.append(Problem.stated("no-rows.impacts", label, value="no rows below the header"))
+        refuse(problems)
+        table = pd.DataFrame(self.body, columns=names, dtype=str)
+        table.attrs["written"] = str(self.dialect)
+        return table, np.array(self.lines)
+
+
+def read_cells(
+    source: Source, wanted: Sequence[str] = (), *, keep_empty: bool = False
+) -> tuple[pd.DataFrame, np.ndarray]:
+    """All cells as text without the spaces around them, numbers with a decimal point: see `Records.cells`.
 
     Args:
-        path: the file.
+        source: the file. How recordings beside it are written decides of marks that can be read in two ways.
         wanted: the columns that it must have.
-        label: what messages call it.
         keep_empty: whether a row of empty cells is a row; a line without any cell never is.
-        remedy: what to do if it is not there.
-        stated: how recordings beside it are written, which decides of marks that can be read in two ways.
 
     Raises:
         InputError: the file can't be used: missing, too large, not UTF-8, no table, columns missing, or
             marks that can be read in two ways.
     """
     # Cells that are kept one by one take some twenty times their size.
-    data = read_bytes(path, label, remedy, share=0.05)
-    text = text_table(
-        data, label, wanted=[*wanted, *NAMES], stated=stated, named=True, sheet=of_part(path)[1]
-    )
+    text = text_table(source.read(share=0.05), source, wanted=[*wanted, *NAMES], named=True)
     reader = csv.reader(
         io.StringIO(text.body.tobytes().decode(), newline=""), strict=True, delimiter=text.delimiter
     )
@@ -127,63 +162,14 @@ def read_cells(
                 body.append(cells)
                 lines.append(above + reader.line_num)
     except csv.Error as error:
-        raise InputError.stated(
-            "cells-in-a-row.quotes", label, row=above + reader.line_num, value=str(error)
-        ) from None
+        row, slip = above + reader.line_num, str(error)
+        raise InputError.stated("cells-in-a-row.quotes", source.label, row=row, value=slip) from None
     names = list(map(as_written, text_names))
     # A spreadsheet writes empty columns where something once stood.
     width = max((at for at, name in enumerate(names, 1) if name), default=0)
     if not any(any(cells[width:]) for cells in body):
         names, body = names[:width], [cells[:width] for cells in body]
-    table, rows = cells_of(
-        names, body, lines, wanted, label=label, row=text.dialect.header_row, delimiter=text.delimiter
-    )
-    table.attrs["written"] = str(text.dialect)
-    return table, rows
-
-
-def cells_of(
-    names: list[str],
-    body: list[list[str]],
-    lines: Sequence[int],
-    wanted: Sequence[str],
-    *,
-    label: str = FILE,
-    row: int = 1,
-    delimiter: str = ",",
-) -> tuple[pd.DataFrame, np.ndarray]:
-    """The cells of records that were read already.
-
-    Args:
-        names: of the columns.
-        body: the cells of every record, without the spaces around them.
-        lines: the row of each record.
-        wanted: the columns that there must be.
-        label: what messages call the table.
-        row: of the names.
-        delimiter: between the cells of the file.
-
-    Raises:
-        InputError: the names or the number of cells are wrong, or there is no record.
-    """
-    names = standard_names(names) if "subject" in wanted else names
-    problems = column_problems(label, names, wanted, row)
-    problems += [p for p in column_problems(label, names, (), row) if p.column not in wanted]
-    odd = {"control-characters": any(map(has_control_characters, names)), "empty": "" in names}
-    listed = ", ".join(names)
-    problems += [
-        Problem.stated(f"column-names.{kind}", label, row, value=listed) for kind in odd if odd[kind]
-    ]
-    ragged = [
-        (line, len(cells), delimiter.join(cells))
-        for line, cells in zip(lines, body, strict=True)
-        if len(cells) != len(names)
-    ]
-    problems += [ragged_problem(label, len(names), ragged, delimiter)] if ragged else []
-    if not body:
-        problems.append(Problem.stated("no-rows.impacts", label, value="no rows below the header"))
-    refuse(problems)
-    return pd.DataFrame(body, columns=names, dtype=str), np.array(lines)
+    return Records(names, body, lines, source.label, text.dialect).cells(wanted)
 
 
 def column_problems(

@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from bayestissue.dataset.files import FILES, as_utf8, first_line, is_workbook, sheet_text
+from bayestissue.dataset.files import FILES, Source, as_utf8, first_line, is_workbook, sheet_text
 from bayestissue.dataset.units import dimension_of
 from bayestissue.errors import InputError
 from bayestissue.settings import Table
@@ -331,15 +331,7 @@ class _Lines:
         return None
 
 
-def text_table(
-    data: bytes,
-    label: str,
-    *,
-    wanted: Sequence[str] = (),
-    stated: Stated | None = None,
-    named: bool = False,
-    sheet: str = "",
-) -> TextTable:
+def text_table(data: bytes, source: Source, *, wanted: Sequence[str] = (), named: bool = False) -> TextTable:
     """Find how a text table is written, and read the names of its columns.
 
     The delimiter is the one that cuts most lines into equally many cells, at least two; the decimal mark the
@@ -351,18 +343,17 @@ def text_table(
     there twice gets the number of its column: ``Fx (column 2)``.
 
     Args:
-        data: the file: a text, or an Excel workbook, of which one sheet is the table.
-        label: what to call it in a message.
-        wanted: names of columns that should be there.
-        stated: what somebody said of it, which is not looked for. Of a ``named`` table it was said of the
+        data: the file: a text, or an Excel workbook, of which one sheet is the table: the first with cells
+            unless the ``source`` is one.
+        source: of the data. What is stated of it is not looked for; of a ``named`` table it was stated of the
             recordings beside it, and decides only what the table's own marks leave open.
+        wanted: names of columns that should be there.
         named: whether the table must name its columns; one that may not calls them ``column 1`` and so on.
-        sheet: of a workbook; the first with cells if empty.
 
     Raises:
         InputError: it is no text and no workbook, or its marks can be read in two ways.
     """
-    marks = stated or Stated()
+    label, sheet, marks = source.label, source.part, source.stated or Stated()
     stated = Stated() if named else marks
     if sheet and not is_workbook(data):
         raise InputError.stated("no-channel.part", label, value=f"#{sheet}")

@@ -23,6 +23,8 @@ from bayestissue.errors import InputError
 if TYPE_CHECKING:
     from python_calamine import CalamineWorkbook
 
+    from bayestissue.dataset.dialect import Stated
+
 LIMIT = "BAYESTISSUE_LARGEST_FILE_MB"
 _UTF8_MARK = codecs.BOM_UTF8
 
@@ -45,6 +47,8 @@ class FileSettings:
 
 
 FILES = FileSettings()
+# Texts that may be LabVIEW's have blocks with numbers, as workbooks have sheets with names.
+_PART = re.compile(r"(.+\.xlsx)#(.+)|(.+\.(?:lvm|txt|dat|asc|csv|tsv))#(\d+)", re.IGNORECASE | re.DOTALL)
 
 
 def largest() -> float:
@@ -83,44 +87,98 @@ def require_small(size: float, label: str, *, share: float = 1.0) -> None:
         raise InputError.stated(key, label, value=value, **words)
 
 
-def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> bytes:
-    """The content of a file, unpacked if its name ends in ``.gz``.
+@dataclass(frozen=True)
+class Source:
+    """A file that somebody else wrote, or a part of one, and what to say of it.
 
-    Args:
-        path: where it lies; of a part, the whole file is the content.
-        label: what to call it in a message.
+    Attributes:
+        path: where the file lies.
+        name: what to call the file in a message.
+        part: of a workbook the sheet, of LabVIEW's text the number of the block; empty of the whole.
         remedy: what to do if it is not there.
-        share: of the bytes that a file may have; see `require_small`.
-
-    Raises:
-        InputError: it is missing, no regular file, unreadable, empty, too large, or a broken archive.
+        stated: how a text is written, as far as somebody said so.
     """
-    path, _ = of_part(path)
-    try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, a pipe or the like"
-            raise InputError.stated("unreadable-file.kind", label, value=kind, remedy=remedy)
-        require_small(status.st_size, label, share=share)
-        data = _unpacked(path, label) if path.suffix == ".gz" and status.st_size else path.read_bytes()
-    except InputError:
-        raise
-    except FileNotFoundError:
-        raise InputError.stated("no-file.recording", label, value="no such file", remedy=remedy) from None
-    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-        raise InputError.stated("damaged-file.gzip", label, value=str(error)) from None
-    except (OSError, ValueError) as error:
-        raise InputError.stated("unreadable-file.permissions", label, value=str(error)) from None
-    if not data or data.isspace():
-        raise InputError.stated("no-rows.file", label, value="an empty file")
-    return data
+
+    path: Path
+    name: str
+    part: str = ""
+    remedy: str = "Put the file there."
+    stated: Stated | None = None
+
+    @classmethod
+    def at(cls, path: Path, name: str = "", **further: Any) -> Source:
+        """What a path names: ``p1.xlsx#left`` and ``p1.lvm#2`` a part, unless a file is called so.
+
+        Args:
+            path: of a file, or of a part of one.
+            name: what to call it in a message; the last part of the path if empty.
+            further: other attributes.
+        """
+        name, match = name or path.name, _PART.fullmatch(str(path))
+        if not match or os.path.exists(path):  # noqa: PTH110
+            return cls(path, name, **further)
+        part = match[2] or match[4]
+        return cls(Path(match[1] or match[3]), name.removesuffix(f"#{part}"), part, **further)
+
+    @property
+    def label(self) -> str:
+        """What to call it, with its part, in a message."""
+        return f"{self.name}#{self.part}" if self.part else self.name
+
+    @property
+    def suffix(self) -> str:
+        """What the file's name says of its format."""
+        return suffix_of(self.path)
+
+    @property
+    def stem(self) -> str:
+        """The file's name without its ending."""
+        return self.name[: len(self.name) - len(self.suffix)]
+
+    @property
+    def is_sheet(self) -> bool:
+        """Whether a part of the file is a sheet; otherwise it is a block."""
+        return self.suffix == ".xlsx"
+
+    def read(self, *, share: float = 1.0) -> bytes:
+        """The content of the whole file, unpacked if its name ends in ``.gz``.
+
+        Args:
+            share: of the bytes that a file may have; see `require_small`.
+
+        Raises:
+            InputError: it is missing, no regular file, unreadable, empty, too large, or a broken archive.
+        """
+        path, label = self.path, self.label
+        try:
+            status = path.stat()
+            if not stat.S_ISREG(status.st_mode):
+                kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, a pipe or the like"
+                raise InputError.stated("unreadable-file.kind", label, value=kind, remedy=self.remedy)
+            require_small(status.st_size, label, share=share)
+            if path.suffix == ".gz" and status.st_size:
+                with gzip.open(path) as packed:
+                    data = packed.read(int(largest()) + 1)
+                require_small(len(data), label)
+            else:
+                data = path.read_bytes()
+        except InputError:
+            raise
+        except FileNotFoundError:
+            key = "no-file.recording"
+            raise InputError.stated(key, label, value="no such file", remedy=self.remedy) from None
+        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+            raise InputError.stated("damaged-file.gzip", label, value=str(error)) from None
+        except (OSError, ValueError) as error:
+            raise InputError.stated("unreadable-file.permissions", label, value=str(error)) from None
+        if not data or data.isspace():
+            raise InputError.stated("no-rows.file", label, value="an empty file")
+        return data
 
 
-def _unpacked(path: Path, label: str) -> bytes:
-    with gzip.open(path) as packed:
-        data = packed.read(int(largest()) + 1)
-    require_small(len(data), label)
-    return data
+def suffix_of(path: Path) -> str:
+    """What a file's name says of its format: how it ends, in small letters."""
+    return "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
 
 
 def error_line(error: BaseException) -> str:
@@ -213,24 +271,6 @@ def _require(data: bytes, label: str, encoding: str) -> bytes:
             return data if encoding == "utf-8" else text.encode()
         slip, row = "a byte that is 0", text.count("\n", 0, text.index("\0")) + 1
     raise InputError.stated("not-text.encoding", label, row=row, value=slip) from None
-
-
-# Texts that may be LabVIEW's, whose blocks have numbers, as sheets have names.
-_OF_BLOCKS = "lvm|txt|dat|asc|csv|tsv"
-_PART = re.compile(rf"(.+\.xlsx)#(.+)|(.+\.(?:{_OF_BLOCKS}))#(\d+)", re.IGNORECASE | re.DOTALL)
-# Behind the name of a file, and before that of its part.
-BEFORE_PART = re.compile(rf"\.(?:xlsx|{_OF_BLOCKS})#", re.IGNORECASE)
-
-
-def of_part(path: Path) -> tuple[Path, str]:
-    """The file and the part of it that a path names; else the path and ``""``.
-
-    A part is a sheet of a workbook, ``p1.xlsx#left``, or a block of LabVIEW's text, ``p1.lvm#2``.
-    """
-    match = _PART.fullmatch(str(path))
-    if not match or os.path.exists(path):  # noqa: PTH110
-        return path, ""
-    return Path(match[1] or match[3]), match[2] or match[4]
 
 
 _ZIP = b"PK\x03\x04"

@@ -14,8 +14,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
-from bayestissue.dataset.cells import FILE, read_cells
+from bayestissue.dataset.cells import FILE, REMEDY, read_cells
 from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.traces import CROP
 from bayestissue.declarations import declared
@@ -68,7 +69,8 @@ def read_impacts(path: Path, *, needs_velocity: bool, stated: Stated | None = No
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    cells, rows = read_cells(path, wanted(needs_velocity=needs_velocity), stated=stated)
+    source = Source.at(path, remedy=REMEDY, stated=stated)
+    cells, rows = read_cells(source, wanted(needs_velocity=needs_velocity))
     return impact_table(cells, rows, needs_velocity=needs_velocity)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from bayestissue.dataset.cells import read_cells
+from bayestissue.dataset.files import Source
 from bayestissue.errors import InputError, Problem, has_control_characters, printable, refuse
 from bayestissue.remedies import entries
 from bayestissue.results import sync_folder, whole_file
@@ -45,7 +46,7 @@ def reasons(folder: Path) -> dict[str, str]:
     if not (folder / FILE).exists():
         return {}
     try:
-        cells, rows = read_cells(folder / FILE, list(COLUMNS), label=FILE)
+        cells, rows = read_cells(Source(folder / FILE, FILE), list(COLUMNS))
     except InputError as error:
         if [problem.code for problem in error.problems] == ["no-rows"]:
             # Who takes the last row out uses every impact again.

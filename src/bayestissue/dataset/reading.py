@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
-from bayestissue.dataset.files import of_part, require_small
+from bayestissue.dataset.files import Source, require_small
 from bayestissue.dataset.formats import Channel
 from bayestissue.dataset.recorders import read_recording, with_own_clock
 from bayestissue.dataset.settings import SignalSettings
@@ -63,8 +63,8 @@ def read_long(
         tables, value = ", ".join(LONG_TABLES), "no table of samples"
         raise InputError.stated("which-recordings.no-table", LONG_TABLES[0], value=value, tables=tables)
     columns = {"numbers": [signal.time_column, signal.value_column], "labels": ["impact"]}
-    read = partial(read_table, paths[0], paths[0].name, remedy="Put the file there.", stated=signal)
-    table, signal = with_own_clock(partial(read, **columns), signal, first, paths[0].name)
+    read = partial(read_table, Source(paths[0], paths[0].name, stated=signal), **columns)
+    table, signal = with_own_clock(read, signal, first, paths[0].name)
     rows = table.first_row + np.arange(table.labels["impact"].codes.size)
     return replace(long_reading(paths[0].name, table, rows, impacts, signal), files=paths)
 
@@ -150,47 +150,45 @@ def read_files(
     pieces: list[Samples] = []
     names = impacts["impact"].tolist()
     rates, windows = numbers_in(impacts, "sampling_rate_hz"), Windows.stated(impacts, signal)
-    taken: dict[Path, list[int]] = {}
-    held: tuple[tuple[Path, str], Samples] | None = None
+    taken: dict[Source, list[int]] = {}
+    held: tuple[tuple[Source, str], Samples] | None = None
     size = 0
     for index, name in enumerate(impacts["trace"]):
         try:
-            path = _inside(folder, name, int(rows[index]))
-            _require_apart(path, name, index, int(rows[index]), taken, windows)
+            source = _inside(folder, name, int(rows[index]))
+            _require_apart(source, index, int(rows[index]), taken, windows)
             # One that several impacts share is read once: they mostly follow each other.
-            key = (path, str(rates[index]))
+            key = (source, str(rates[index]))
             if held is None or held[0] != key:
-                held = key, _samples(read_recording(path, name, signal, first), rates[index], name, signal)
+                held = key, _samples(read_recording(source, signal, first), rates[index], name, signal)
             whole = replace(held[1], impact=np.array([index]), file=[name])
         except InputError as error:
             of_impact = partial(replace, impact=names[index] or None, files_read=len(impacts))
             problems += map(of_impact, error.problems)
             continue
-        taken.setdefault(path, []).append(index)
+        taken.setdefault(source, []).append(index)
         piece, outside = crop(whole, windows, names)
         problems += outside
         if not outside:
             size += piece.time_s.nbytes + piece.value.nbytes
             require_small(size, "the recordings together")
             pieces.append(piece)
-    return Reading(
-        Samples.joined(pieces, signal), problems, list(dict.fromkeys(of_part(p)[0] for p in taken))
-    )
+    files = list(dict.fromkeys(source.path for source in taken))
+    return Reading(Samples.joined(pieces, signal), problems, files)
 
 
-def read_one(path: Path, label: str, signal: SignalSettings, rate: float = np.nan) -> Trace:
+def read_one(source: Source, signal: SignalSettings, rate: float = np.nan) -> Trace:
     """A whole recording, in SI units.
 
     Args:
-        path: the file.
-        label: what to call it in a message.
+        source: the file.
         signal: names of the channels, units, scale and offset.
         rate: the sampling rate in Hz, where the file has no times.
 
     Raises:
         InputError: the file is missing or damaged, lacks a channel, or has no times.
     """
-    return _samples(read_recording(path, label, signal), rate, label, signal)[0]
+    return _samples(read_recording(source, signal), rate, source.label, signal)[0]
 
 
 def _samples(recorded: Channel, rate: float, file: str, signal: SignalSettings) -> Samples:
@@ -206,17 +204,17 @@ def _samples(recorded: Channel, rate: float, file: str, signal: SignalSettings) 
 
 
 def _require_apart(
-    path: Path, name: str, index: int, row: int, taken: dict[Path, list[int]], windows: Windows
+    source: Source, index: int, row: int, taken: dict[Source, list[int]], windows: Windows
 ) -> None:
     """Refuse a recording, or a part of one, that an earlier impact has."""
-    if any(windows.meet(index, neighbour) for neighbour in taken.get(path, ())):
+    if any(windows.meet(index, neighbour) for neighbour in taken.get(source, ())):
         start, stop = windows.start[index], windows.stop[index]
         cropped = np.isfinite(start) or np.isfinite(stop)
-        value = f"{name}, from {start:.6g} to {stop:.6g} s" if cropped else name
+        value = f"{source.label}, from {start:.6g} to {stop:.6g} s" if cropped else source.label
         raise InputError.stated("impacts-and-recordings.shared", "impacts.csv", row, "trace", value)
 
 
-def _inside(folder: Path, name: str, row: int) -> Path:
+def _inside(folder: Path, name: str, row: int) -> Source:
     if not name:
         raise InputError.stated("which-recordings.none", "impacts.csv", row, "trace", "an empty cell")
     try:
@@ -226,4 +224,5 @@ def _inside(folder: Path, name: str, row: int) -> Path:
         outside = True
     if outside:
         raise InputError.stated("which-recordings.outside", "impacts.csv", row, "trace", name)
-    return path
+    remedy = "Correct the cell in column trace of impacts.csv, or put the file there."
+    return Source.at(path, name, remedy=remedy)

@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from bayestissue.dataset.clock_times import within_a_day
-from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import error_line, of_part, read_bytes
+from bayestissue.dataset.files import Source, error_line
 from bayestissue.dataset.formats import (
     FORMATS,
     Channel,
@@ -31,7 +30,6 @@ from bayestissue.dataset.traces import MIN_SAMPLES, in_seconds
 from bayestissue.dataset.units import dimension_of, to_si
 from bayestissue.errors import InputError, Problem, refuse
 
-REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
 _TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
 SUFFIXES = (*TABLE_SUFFIXES, *FORMATS)
 # Names of columns that say time.
@@ -43,52 +41,38 @@ _ALIKE = 0.25
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
-def read_recording(
-    path: Path, label: str, signal: SignalSettings, first: SignalSettings | None = None
-) -> Channel:
+def read_recording(source: Source, signal: SignalSettings, first: SignalSettings | None = None) -> Channel:
     """Read the recording of one impact: raw values, times in s if the file has any, and rows.
 
     The channel ``signal.value_column`` holds the values; where that was left at its default, the only
     channel of a file will do. Time is the channel ``signal.time_column``, else the recorder's own clock.
 
     Args:
-        path: the file; its suffix says the format.
-        label: what to call it in a message.
-        signal: the names of the channels.
+        source: the file; its suffix says the format.
+        signal: the names of the channels, and how a text is written.
         first: those of the first channel, where this is a further one: see `own_clock`.
 
     Raises:
         InputError: the file is missing, damaged, of an unknown format, or lacks a channel.
     """
-    if _is_table(path):
-        return _from_table(path, label, signal, first)
-    contents = _contents(path, label)
-    if contents.blocks:
-        value, part = f"{len(contents.blocks)} blocks", f"{label}#1"
-        raise InputError.stated("no-channel.blocks", label, value=value, first=part)
-    return _pick(contents, label, signal, first)
+    if _is_table(source):
+        return _from_table(replace(source, stated=signal), signal, first)
+    contents = _contents(source)
+    if len(contents.blocks) > 1:
+        value, part = f"{len(contents.blocks)} blocks", f"{source.label}#1"
+        raise InputError.stated("no-channel.blocks", source.label, value=value, first=part)
+    return _pick(contents, source.label, signal, first)
 
 
-def suffix_of(path: Path) -> str:
-    """What a file's name says of its format: how it ends, in small letters."""
-    path, _ = of_part(path)
-    return "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
-
-
-def contents_of(path: Path, label: str, stated: Stated | None = None) -> Contents:
-    """All channels of numbers in a file; of a table every column in which most cells hold a number.
-
-    Args:
-        path: the file, or a part of it: see `of_part`; its suffix says the format.
-        label: what to call it in a message.
-        stated: how a text is written, as far as somebody said so.
+def contents_of(source: Source) -> Contents:
+    """All channels of numbers in a file or a part of it; of a table every column of numbers.
 
     Raises:
         InputError: the file is missing, damaged or of an unknown format.
     """
-    if not _is_table(path):
-        return _contents(path, label)
-    numbers = read_table(path, label, numbers=None, remedy=REMEDY, stated=stated)
+    if not _is_table(source):
+        return _contents(source)
+    numbers = read_table(source, numbers=None)
     channels = {}
     for name, column in numbers.numbers.items():
         values = _to_its_end(column.array)
@@ -97,22 +81,22 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
     return Contents(channels, numbers.first_row, str(numbers.dialect or ""))
 
 
-def _is_table(path: Path) -> bool:
+def _is_table(source: Source) -> bool:
     """Whether a file is a table of text or cells: by its name, else by how it begins."""
-    suffix = suffix_of(path)
+    suffix = source.suffix
     if suffix in FORMATS and suffix != labview.SUFFIX:
         return False
-    begin = _begin(path)
+    begin = _begin(source.path)
     # Whoever reads a file that is not there, or empty, says so.
     if labview.is_measurement(begin):
         return False
     if suffix == labview.SUFFIX:
         return labview.is_headerless(begin)
-    return suffix in _TABLES or is_text_of_numbers(path)
+    return suffix in _TABLES or is_text_of_numbers(source.path)
 
 
 def _begin(path: Path) -> bytes:
-    with suppress(OSError, ValueError), of_part(path)[0].open("rb") as file:
+    with suppress(OSError, ValueError), path.open("rb") as file:
         return file.read(labview.HEADER)
     return b""
 
@@ -143,14 +127,14 @@ def long_enough(channels: Mapping[str, Channel]) -> list[str]:
     return [name for name, channel in channels.items() if channel.values.size >= MIN_SAMPLES]
 
 
-def _contents(path: Path, label: str) -> Contents:
-    suffix = suffix_of(path)
-    if suffix in _TABLES or (suffix not in FORMATS and labview.is_measurement(_begin(path))):
+def _contents(source: Source) -> Contents:
+    suffix, label = source.suffix, source.label
+    if suffix in _TABLES or (suffix not in FORMATS and labview.is_measurement(_begin(source.path))):
         suffix = labview.SUFFIX
     if suffix not in FORMATS:
         endings = ", ".join((*SUFFIXES, *TEXT_SUFFIXES))
-        raise InputError.stated("recorder-format", label, value=path.name, endings=endings)
-    data = read_bytes(path, label, REMEDY, share=FORMATS[suffix].share)
+        raise InputError.stated("recorder-format", label, value=source.path.name, endings=endings)
+    data = source.read(share=FORMATS[suffix].share)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -164,22 +148,20 @@ def _contents(path: Path, label: str) -> Contents:
         # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
         line = error_line(error)
         raise InputError.stated("damaged-file.recorder", label, value=line, suffix=suffix) from error
-    part = of_part(path)[1]
-    if not part:
+    if not source.part:
         return contents
-    # A file of one recording has it as its first part too.
     blocks = contents.blocks or (contents,)
-    if not 1 <= int(part) <= len(blocks):
-        raise InputError.stated("no-channel.block", label, value=f"#{part}", count=len(blocks))
-    return blocks[int(part) - 1]
+    if not 1 <= int(source.part) <= len(blocks):
+        raise InputError.stated("no-channel.block", label, value=f"#{source.part}", count=len(blocks))
+    return blocks[int(source.part) - 1]
 
 
-def _from_table(path: Path, label: str, signal: SignalSettings, first: SignalSettings | None) -> Channel:
+def _from_table(source: Source, signal: SignalSettings, first: SignalSettings | None) -> Channel:
     columns = {"numbers": [signal.time_column, signal.value_column]}
     if "time_column" not in signal.model_fields_set:
         columns = {"numbers": [signal.value_column], "optional": [signal.time_column]}
-    read = partial(read_table, path, label, remedy=REMEDY, stated=signal)
-    table, signal = with_own_clock(partial(read, **columns), signal, first, label)
+    read = partial(read_table, source, **columns)
+    table, signal = with_own_clock(read, signal, first, source.label)
     value, time = table.numbers[signal.value_column], table.numbers.get(signal.time_column)
     count, text = value.array.size, {**(time.text if time else {}), **value.text}
     clock = _clock(table, count)

@@ -6,7 +6,6 @@ import csv
 import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -17,8 +16,8 @@ from jaxtyping import Float64, Int
 
 from bayestissue.dataset import clock_times
 from bayestissue.dataset.cells import column_problems, ragged_problem
-from bayestissue.dataset.dialect import Dialect, Stated, TextTable, is_clock, text_table
-from bayestissue.dataset.files import error_line, of_part, read_bytes, require_small
+from bayestissue.dataset.dialect import Dialect, TextTable, is_clock, text_table
+from bayestissue.dataset.files import Source, error_line, require_small
 from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.results.tables import as_written
 
@@ -100,40 +99,34 @@ class Columns:
 
 
 def read_table(
-    path: Path,
-    label: str,
+    source: Source,
     *,
     numbers: Sequence[str] | None,
     labels: Sequence[str] = (),
     optional: Sequence[str] = (),
-    remedy: str,
-    stated: Stated | None = None,
 ) -> Columns:
     """Columns of a text (also packed), Excel or Parquet file.
 
     Args:
-        path: the file.
-        label: what to call it in a message.
+        source: the file.
         numbers: columns that hold numbers; if None, all in which at least half of the filled cells do.
         labels: columns that hold names.
         optional: further columns of numbers, which need not be there.
-        remedy: what to do if the file is not there.
-        stated: how a text is written, as far as somebody said so.
 
     Raises:
         InputError: the file can't be read, lacks a column or names it twice, or has rows of the wrong length.
     """
-    data, wanted = read_bytes(path, label, remedy), numbers or ()
-    if path.suffix == ".parquet":
+    data, label, wanted = source.read(), source.label, numbers or ()
+    if source.suffix == ".parquet":
         schema = _schema(data, label)
         present, able = schema.names, [field.name for field in schema if _numeric(field.type)]
     else:
         sought = [*labels, *optional, *wanted]
-        text = text_table(data, label, wanted=sought, stated=stated, sheet=of_part(path)[1])
+        text = text_table(data, source, wanted=sought)
         present = text.names
         able = [name for name in present if name and not (text.clock and is_clock(name))]
     names = able if numbers is None else [*(name for name in optional if name in present), *wanted]
-    if path.suffix == ".parquet":
+    if source.suffix == ".parquet":
         table = _parse_parquet(data, schema, label, names, labels)
     else:
         table = _parse_text(text, label, names, labels, whole=numbers is not None)

@@ -16,10 +16,9 @@ import pandas as pd
 
 from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import BEFORE_PART, of_part
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.left_out import NEVER_READ, reason_of, write_left_out
 from bayestissue.dataset.reading import read_one
-from bayestissue.dataset.recorders import suffix_of
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings
 from bayestissue.dataset.traces import CROP, MIN_SAMPLES, Traces, ends_of
@@ -28,7 +27,6 @@ from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.choices import Choices, require_steady
 from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
-from bayestissue.intake.names import bare_name
 from bayestissue.outline import counted, first_of
 from bayestissue.signal.displacement import displacements
 from bayestissue.signal.settings import CONTACT
@@ -153,16 +151,16 @@ def _reasons(problems: Iterable[Problem], recordings: RecorderFolder, used: set[
     reasons: dict[str, list[str]] = {}
     known = {*(file.name for file in recordings.files), *(problem.file for problem in recordings.problems)}
     for problem in problems:
-        name = problem.impact or _impact_name(problem.file.removesuffix(suffix_of(Path(problem.file))))
+        name = problem.impact or _impact_name(Source.at(Path(problem.file), problem.file))
         name = problem.file if name in used else name
         if problem.impact or problem.file in known:
             reasons.setdefault(name, []).append(reason_of(problem))
     return {name: f"{NEVER_READ}{'; '.join(dict.fromkeys(why))}" for name, why in reasons.items()}
 
 
-def _impact_name(bare: str) -> str:
-    """What the impact of a recording is called, by the recording's name without its ending."""
-    return BEFORE_PART.sub("_", bare)
+def _impact_name(file: Source) -> str:
+    """What the impact of a recording is called."""
+    return f"{file.stem}_{file.part}" if file.part else file.stem
 
 
 def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
@@ -209,10 +207,9 @@ def _write(
     used = set(table["trace"])
     for file in recordings.files:
         if f"{RECORDINGS}/{file.name}" in used:
-            source, sheet = of_part(file.path)
-            copy = folder / RECORDINGS / (file.name.removesuffix(f"#{sheet}") if sheet else file.name)
+            copy = folder / RECORDINGS / file.source.name
             copy.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(source, copy)
+            shutil.copyfile(file.source.path, copy)
 
 
 def _in_terms_of_init(problem: Problem) -> Problem:
@@ -278,7 +275,7 @@ class _Plan:
     def rows(self, problems: list[Problem]) -> Iterator[dict[str, Any]]:
         """The rows; what is wrong with a file goes to ``problems``."""
         files = self.recordings.files
-        bare = {file.name: _impact_name(bare_name(file)) for file in files}
+        bare = {file.name: _impact_name(file.source) for file in files}
         short = Counter(PurePosixPath(name).name for name in bare.values())
         usual = _usual_units(self.recordings, self.choices)
         for file in files:
@@ -326,7 +323,7 @@ class _Plan:
 
     def oriented(self, file: File) -> Trace:
         """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
-        read = read_one(file.path, file.name, self.signal, self._rate(file))
+        read = read_one(file.source, self.signal, self._rate(file))
         whole, (start, stop) = Traces.of([read]).slowing(self.signal.quantity), ends_of(self.signal)
         return whole.at((whole.time_s >= start) & (whole.time_s <= stop))[0]
 

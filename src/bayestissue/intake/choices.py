@@ -404,7 +404,7 @@ def require_steady(file: File, rate: float) -> None:
 
 
 def _no_values(file: File, files: int) -> Problem:
-    value = f"{', '.join(file.channels) or 'no numbers'} ({file.written or file.suffix})"
+    value = f"{', '.join(file.channels) or 'no numbers'} ({file.written or file.source.suffix})"
     return replace(Problem.stated("no-channel.values", file.name, value=value), files_read=files)
 
 

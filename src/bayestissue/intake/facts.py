@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 
 import pandas as pd
 
 from bayestissue.dataset.cells import in_case_of, read_cells, with_subject
-from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import BEFORE_PART
+from bayestissue.dataset.files import Source
 from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.intake.names import (
     NUMBERS,
     Pattern,
-    bare_name,
     columns,
     contradictions,
     fills,
@@ -55,10 +53,9 @@ def gather(
     recordings: RecorderFolder,
     *,
     pattern: str | None,
-    table: Path | None,
+    table: Source | None,
     shared: dict[str, str],
     loose: bool = False,
-    stated: Stated | None = None,
 ) -> Facts:
     """Bring together what names, a table and options say.
 
@@ -70,14 +67,13 @@ def gather(
             it is joined by the columns that names have too, such as ``subject``: a row for each person.
         shared: what holds for all recordings.
         loose: whether nobody said how names are read: what they seem to say must not contradict the rest.
-        stated: how texts are written, as far as somebody said so.
 
     Raises:
         InputError: the pattern or the table can't be used, or a fact is given in two ways.
     """
     names = Pattern.parse(pattern) if pattern else None
     fields = names.fields if names else ()
-    rows = _Table.read(table, fields, stated) if table else _Table()
+    rows = _Table.read(table, fields) if table else _Table()
     sources = {"--pattern": fields, "--table": rows.facts, "--set": tuple(shared)}
     _once(sources)
     problems = list(rows.unmatched_rows(recordings.files))
@@ -85,7 +81,7 @@ def gather(
     of_number: dict[tuple[str, int], Cells] = {}
     for file in recordings.files:
         with collected(problems):
-            from_name = names.read(file.name, file.suffix) if names else {}
+            from_name = names.read(file.source) if names else {}
             whole = names.whole(from_name) if names else {}
             keyed = whole if names and not {*names.within.values()} <= {*rows.keys} else from_name
             for number, cells in rows.cells_of(file, keyed).items():
@@ -128,8 +124,8 @@ class _Table:
     keys: tuple[str, ...] = ()
 
     @classmethod
-    def read(cls, path: Path, fields: Sequence[str], stated: Stated | None) -> _Table:
-        cells, lines = read_cells(path, [], label=path.name, stated=stated)
+    def read(cls, source: Source, fields: Sequence[str]) -> _Table:
+        cells, lines = read_cells(source)
         if "subject" not in fields or FILE not in _in_standard_case(cells):
             cells.columns = with_subject(list(map(str, cells.columns)))
         names = _in_standard_case(cells)
@@ -137,11 +133,11 @@ class _Table:
         keys = () if FILE in names else tuple(n for n in fields if n in names and not is_number(n))
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
         facts = tuple(name for name in names if name not in ((FILE, NUMBER) if FILE in names else keys))
-        table = cls(path.name, facts, records, f"{path.name}: {cells.attrs['written']}", keys)  # type: ignore[arg-type]
+        table = cls(source.label, facts, records, f"{source.label}: {cells.attrs['written']}", keys)  # type: ignore[arg-type]
         if FILE not in names and not keys:
             example = next((name for name in names if not is_number(name)), "subject")
             value = ", ".join(names)
-            raise InputError.stated("facts-of-recordings.no-key", path.name, value=value, example=example)
+            raise InputError.stated("facts-of-recordings.no-key", source.label, value=value, example=example)
         return table
 
     def cells_of(self, file: File, from_name: Mapping[str, str]) -> dict[int | None, dict[str, str]]:
@@ -223,18 +219,18 @@ def _in_standard_case(cells: pd.DataFrame) -> list[str]:
     return in_case_of((FILE, NUMBER, *NUMBERS), list(map(str, cells.columns)))
 
 
-def told_by(table: Path, stated: Stated) -> list[str]:
+def told_by(table: Source) -> list[str]:
     """What a table tells of each recording, if it names these; else nothing.
 
     What it leaves open is guessed from the names of the recordings, and so is by what it is joined.
     """
-    cells, _ = read_cells(table, [], label=table.name, stated=stated)
+    cells, _ = read_cells(table)
     names = with_subject(_in_standard_case(cells))
     return [name for name in names if name not in (FILE, NUMBER)] if FILE in names else []
 
 
 def _possible_names(file: File) -> set[str]:
     """The ways in which a table may call a file."""
-    bare = bare_name(file)
-    names = {file.name, bare, BEFORE_PART.sub("#", bare)}
+    part = f"#{file.source.part}" if file.source.part else ""
+    names = {file.name, file.source.stem + part}
     return names | {PurePosixPath(name).name for name in names}

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import of_part, read_bytes, sheet_names
+from bayestissue.dataset.files import Source, sheet_names, suffix_of
 from bayestissue.dataset.formats import Contents
-from bayestissue.dataset.recorders import SUFFIXES, contents_of, is_text_of_numbers, suffix_of
+from bayestissue.dataset.recorders import SUFFIXES, contents_of, is_text_of_numbers
 from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.dataset.traces import MIN_SAMPLES
 from bayestissue.errors import InputError, Problem
@@ -91,21 +91,24 @@ class File:
     """One recorder file, or a part of one: a sheet of a workbook, or a block of LabVIEW's text.
 
     Attributes:
-        path: where it lies; of a part as ``p1.xlsx#left`` or ``p1.lvm#2``.
-        name: its path relative to the folder, with ``/`` between the parts.
+        source: the file, called by its path relative to the folder, with ``/`` between the parts.
         channels: by name, in the order of the file.
         written: how a text is written, in words; empty of other files.
     """
 
-    path: Path
-    name: str
+    source: Source
     channels: dict[str, ChannelSummary]
     written: str = ""
 
     @property
-    def suffix(self) -> str:
-        """How its name ends; that of a part ends as the part is called."""
-        return "" if of_part(self.path)[1] else suffix_of(self.path)
+    def name(self) -> str:
+        """Its path relative to the folder; of a part as ``p1.xlsx#left`` or ``p1.lvm#2``."""
+        return self.source.label
+
+    @property
+    def may_hold_an_impact(self) -> bool:
+        """Whether a channel has samples enough."""
+        return any(channel.samples >= MIN_SAMPLES for channel in self.channels.values())
 
 
 @dataclass(frozen=True)
@@ -175,25 +178,31 @@ def look(
             endings=suffix or ", ".join((*SUFFIXES, *TEXT_SUFFIXES)),
         )
     files: list[File] = []
-    problems: list[Problem] = []
-    books = _Books(sheets)
-    for path in chain.from_iterable(map(books.parts, wanted)):
-        name = path.relative_to(root).as_posix()
-        try:
-            contents = contents_of(path, name, stated)
-        except InputError as error:
-            problems += (replace(problem, files_read=len(wanted)) for problem in error.problems)
-            continue
-        blocks = {f"#{number}": block for number, block in enumerate(contents.blocks, 1)} or {"": contents}
-        files += (_listed(path.with_name(path.name + part), name + part, blocks[part]) for part in blocks)
-    files, problems = books.sorted_out(_with_numbers(files, always=sheets is True), problems)
-    if not files:
-        raise InputError(problems)
-    return RecorderFolder(root, tuple(files), tuple(problems), books.words())
+    problems: list[tuple[Source, Problem]] = []
+    passed_over: dict[str, list[str]] = {}
+    for path in wanted:
+        whole = Source(path, path.relative_to(root).as_posix(), stated=stated)
+        for source in _sheets(whole, sheets, passed_over):
+            try:
+                files += _listed(source, contents_of(source))
+            except InputError as error:
+                problems += ((source, replace(p, files_read=len(wanted))) for p in error.problems)
+    recordings, left = _sorted_out(files, problems, sheets, passed_over)
+    if not recordings:
+        raise InputError(left)
+    words = tuple(f"{what}: {first_of(names, 3)}" for what, names in passed_over.items())
+    return RecorderFolder(root, tuple(recordings), tuple(left), words)
 
 
-def _listed(path: Path, name: str, contents: Contents) -> File:
-    channels = {
+def _listed(source: Source, contents: Contents) -> list[File]:
+    """The recordings of a file that was read: each block of LabVIEW's text is one."""
+    blocks = enumerate(contents.blocks, 1)
+    parts = [(replace(source, part=str(number)), block) for number, block in blocks] or [(source, contents)]
+    return [File(part, _summaries(block), block.written) for part, block in parts]
+
+
+def _summaries(contents: Contents) -> dict[str, ChannelSummary]:
+    return {
         key: ChannelSummary(
             channel.unit,
             channel.values.size,
@@ -202,90 +211,55 @@ def _listed(path: Path, name: str, contents: Contents) -> File:
         )
         for key, channel in contents.channels.items()
     }
-    return File(path, name, channels, contents.written)
 
 
-def _with_numbers(files: list[File], *, always: bool) -> list[File]:
-    """The files; where one text of LabVIEW holds several blocks, a text of a single block has a number too.
+def _sheets(file: Source, each: bool | None, passed_over: dict[str, list[str]]) -> list[Source]:
+    """The sheets of a workbook, of which the first alone where ``each`` is False; another file as it is."""
+    if not file.is_sheet:
+        return [file]
+    try:
+        shown, hidden = sheet_names(file.read(), file.path.name)
+    except InputError:
+        # Whoever reads it says what is wrong.
+        return [file]
+    _note("hidden sheets", file, hidden, passed_over)
+    if each is False:
+        what = 'sheets behind the first (--pattern "{subject}.xlsx#{}" reads each)'
+        _note(what, file, shown[1:], passed_over)
+    return [file] if each is False or not shown else [replace(file, part=sheet) for sheet in shown]
 
-    One pattern can read names of one form alone.
 
-    Args:
-        files: of which those of several blocks are their blocks already.
-        always: whether a single block has its number in any case.
+def _note(what: str, file: Source, parts: Sequence[str], passed_over: dict[str, list[str]]) -> None:
+    if parts:
+        passed_over.setdefault(what, []).append(f"{file.path.name} ({', '.join(parts)})")
+
+
+def _sorted_out(
+    files: list[File],
+    problems: list[tuple[Source, Problem]],
+    each: bool | None,
+    passed_over: dict[str, list[str]],
+) -> tuple[list[File], list[Problem]]:
+    """The recordings, and what is wrong, without parts that are empty or hold no recording.
+
+    A file of one part has its own name, unless each part is to be named or others have several: one pattern
+    can read names of one form alone.
     """
-    if not always and all(file.suffix or of_part(file.path)[0].suffix == ".xlsx" for file in files):
-        return files
-    return [_first_block(file) if file.suffix and not file.written else file for file in files]
-
-
-def _first_block(file: File) -> File:
-    path = file.path.with_name(f"{file.path.name}#1")
-    return replace(file, path=path, name=f"{file.name}#1") if of_part(path)[1] else file
-
-
-class _Books:
-    """Files of several parts among recorder files: workbooks, whose sheets may be recordings, and texts."""
-
-    def __init__(self, each_sheet: bool | None) -> None:
-        """Where ``each_sheet`` is False, take the first sheet of a workbook alone; see `look`."""
-        self.each_sheet, self._passed_over = each_sheet, dict[str, list[str]]()
-
-    def parts(self, path: Path) -> list[Path]:
-        """The sheets of a workbook, by their names; another file as it is."""
-        if suffix_of(path) != ".xlsx":
-            return [path]
-        try:
-            shown, hidden = sheet_names(read_bytes(path, path.name, ""), path.name)
-        except InputError:
-            # Whoever reads it says what is wrong.
-            return [path]
-        self._over("hidden sheets", path, hidden)
-        if self.each_sheet is False:
-            self._over('sheets behind the first (--pattern "{subject}.xlsx#{}" reads each)', path, shown[1:])
-        if self.each_sheet is False or not shown:
-            return [path]
-        return [path.with_name(f"{path.name}#{sheet}") for sheet in shown]
-
-    def _over(self, what: str, path: Path, sheets: Sequence[str]) -> None:
-        if sheets:
-            self._passed_over.setdefault(what, []).append(f"{path.name} ({', '.join(sheets)})")
-
-    def words(self) -> tuple[str, ...]:
-        """What was passed over."""
-        return tuple(f"{what}: {first_of(names, 3)}" for what, names in self._passed_over.items())
-
-    def sorted_out(self, files: list[File], problems: list[Problem]) -> tuple[list[File], list[Problem]]:
-        """The recordings, and what is wrong, without sheets and blocks that are empty or hold no recording.
-
-        A workbook of one sheet with cells has its own name, unless each sheet is to be named or others have
-        several.
-        """
-        of_book: dict[Path, list[File]] = {}
-        for file in files:
-            of_book.setdefault(of_part(Path(file.name))[0], []).append(file)
-        blank = [p for p in problems if p.code == "no-rows" and of_part(Path(p.file))[0] in of_book]
-        problems = [problem for problem in problems if problem not in blank]
-        if self.each_sheet is None and not problems and all(len(sheets) == 1 for sheets in of_book.values()):
-            return [_as_a_whole(file) for file in files], problems
-        recordings: list[File] = []
-        for book, sheets in of_book.items():
-            held = [file for file in sheets if _holds_samples(file)] or sheets
-            recordings += held
-            kind = "sheets" if book.suffix == ".xlsx" else "blocks"
-            self._over(
-                f"{kind} without a recording", book, [of_part(f.path)[1] for f in sheets if f not in held]
-            )
-        return recordings, problems
-
-
-def _as_a_whole(file: File) -> File:
-    path, sheet = of_part(file.path)
-    return replace(file, path=path, name=file.name.removesuffix(f"#{sheet}")) if sheet else file
-
-
-def _holds_samples(file: File) -> bool:
-    return any(channel.samples >= MIN_SAMPLES for channel in file.channels.values())
+    by_file: dict[Path, list[File]] = {}
+    for file in files:
+        by_file.setdefault(file.source.path, []).append(file)
+    problems = [(s, p) for s, p in problems if not (p.code == "no-rows" and s.path in by_file)]
+    count = Counter(source.path for source in (*(file.source for file in files), *(s for s, _ in problems)))
+    several = {parts[0].source.is_sheet for path, parts in by_file.items() if count[path] > 1}
+    recordings: list[File] = []
+    for parts in by_file.values():
+        held = [file for file in parts if file.may_hold_an_impact] or parts
+        source = parts[0].source
+        what = f"{'sheets' if source.is_sheet else 'blocks'} without a recording"
+        _note(what, source, [file.source.part for file in parts if file not in held], passed_over)
+        named = each or source.is_sheet in several
+        recordings += held if named else [replace(f, source=replace(f.source, part="")) for f in held]
+    return recordings, [problem for _, problem in problems]
 
 
 def files_within(folder: Path) -> list[Path]:

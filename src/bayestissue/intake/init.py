@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bayestissue.dataset import Dataset, Quantity, Recorder, Uncertainty, read_dataset
+from bayestissue.dataset.cells import REMEDY
 from bayestissue.dataset.chain import Contact
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import BEFORE_PART
-from bayestissue.dataset.recorders import SUFFIXES, suffix_of
+from bayestissue.dataset.files import Source
+from bayestissue.dataset.recorders import SUFFIXES
 from bayestissue.dataset.settings import Gravity, Zero, stated_table
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem, path_argument
@@ -129,19 +130,24 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     Raises:
         InputError: there are no recorder files, or the pattern or the table can't be used.
     """
-    pattern = choices.pattern or ""
-    ends = [suffix for suffix in (*SUFFIXES, *TEXT_SUFFIXES) if pattern.lower().endswith(suffix)]
+    pattern = (choices.pattern or "").lower()
+    ends = [end for end in (*SUFFIXES, *TEXT_SUFFIXES) if pattern.endswith(end) or f"{end}#" in pattern]
     sheets = None if choices.pattern is None else "#" in pattern
-    before_part = BEFORE_PART.search(pattern)
-    suffix = before_part[0][:-1].lower() if before_part else max(ends, key=len, default="")
-    ignore = [choices.table] if choices.table else []
-    stated = checked(choices.text, Stated, file="--text")
+    table, stated = _table(choices), checked(choices.text, Stated, file="--text")
+    ignore = [table.path] if table else []
+    suffix = max(ends, key=len, default="")
     recordings = look(folder, suffix=suffix, ignore=ignore, stated=stated, sheets=sheets)
     guess = None
-    told = told_by(choices.table, stated) if choices.table else []
+    told = told_by(table) if table else []
     if choices.pattern is None and "subject" not in told:
         guess = guessed(recordings.files, [*choices.shared, *told])
     return _intake_from(recordings, replace(choices, pattern=guess or choices.pattern), guess)
+
+
+def _table(choices: Choices) -> Source | None:
+    """The table of facts."""
+    stated = checked(choices.text, Stated, file="--text")
+    return Source.at(choices.table, remedy=REMEDY, stated=stated) if choices.table else None
 
 
 def _without_companions(recordings: RecorderFolder, choices: Choices) -> RecorderFolder:
@@ -151,7 +157,7 @@ def _without_companions(recordings: RecorderFolder, choices: Choices) -> Recorde
     the channels of a recording and another name stays: its name may be misspelt.
     """
     pattern = Pattern.parse(choices.pattern) if choices.pattern else None
-    named = [file for file in recordings.files if pattern and pattern.fits(file.name, file.suffix)]
+    named = [file for file in recordings.files if pattern and pattern.fits(file.source)]
     if pattern is None or not named:
         return recordings
     common = set.intersection(*(set(file.channels) for file in named))
@@ -165,8 +171,8 @@ def _without_companions(recordings: RecorderFolder, choices: Choices) -> Recorde
 
 def _is_note(file: str, pattern: Pattern) -> bool:
     """Whether a file that could not be read is a text that the pattern does not name."""
-    suffix = suffix_of(Path(file))
-    return suffix in (*TABLE_SUFFIXES, *TEXT_SUFFIXES) and not pattern.fits(file, suffix)
+    source = Source.at(Path(file), file)
+    return source.suffix in (*TABLE_SUFFIXES, *TEXT_SUFFIXES) and not pattern.fits(source)
 
 
 def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None) -> Intake:
@@ -174,10 +180,9 @@ def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None
     facts = gather(
         recordings,
         pattern=choices.pattern,
-        table=choices.table,
+        table=_table(choices),
         shared=choices.shared,
         loose=choices.pattern == guess,
-        stated=checked(choices.text, Stated, file="--text"),
     )
     choices, questions = settle(choices, recordings, facts.columns)
     questions += people_twice(choices.pattern, facts)

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
-from bayestissue.dataset.files import BEFORE_PART
+from bayestissue.dataset.files import Source
 from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.folder import File
@@ -132,29 +132,28 @@ class Pattern:
             raise _unfit(text, "no name in braces")
         return cls(text, tuple(names), within, tuple((literal, name) for literal, name, _, _ in parsed))
 
-    def read(self, file: str, suffix: str) -> dict[str, str]:
+    def read(self, file: Source) -> dict[str, str]:
         """The fields of a file.
 
         Args:
-            file: its path relative to the folder, with ``/`` between the parts; as many of the last parts are
-                read as the pattern has.
-            suffix: how its name ends; a pattern that does not end so is read as one of the name before it. A
-                sheet is read behind ``.xlsx#``, or ``#`` alone; the number of a block likewise, and it need
-                not be read.
+            file: called by its path relative to the folder, with ``/`` between the parts; as many of the last
+                parts are read as the pattern has. A pattern that does not end as the file does is read as one
+                of the name before it. A sheet is read behind ``.xlsx#``, or ``#`` alone; the number of a
+                block likewise, and it need not be read.
 
         Raises:
             InputError: the name does not fit, or fits in two ways.
         """
-        name = self._part(file, suffix)
+        name = self._text_of(file)
         # Where the shortest first field is the longest too, and so on for the next, there is one reading.
         shortest, longest = (self._reading(name, lazy) for lazy in ("?", ""))
         if shortest is None or longest is None:
-            raise InputError.stated("file-names.unlike", file, value=name, pattern=self.text)
+            raise InputError.stated("file-names.unlike", file.label, value=name, pattern=self.text)
         if shortest != longest:
             fields = (reading.items() for reading in (shortest, longest))
             readings = (", ".join(f"{name} {text}" for name, text in reading) for reading in fields)
             raise InputError.stated(
-                "file-names.two-ways", file, value=" or ".join(readings), pattern=self.text
+                "file-names.two-ways", file.label, value=" or ".join(readings), pattern=self.text
             )
         return shortest
 
@@ -163,19 +162,16 @@ class Pattern:
         levels = {name: f"{fields[other]}-{fields[name]}" for name, other in self.within.items()}
         return {**fields, **levels}
 
-    def fits(self, file: str, suffix: str) -> bool:
+    def fits(self, file: Source) -> bool:
         """Whether the name of a file has the fields, in one way or in several."""
-        return self._reading(self._part(file, suffix), "") is not None
+        return self._reading(self._text_of(file), "") is not None
 
-    def _part(self, file: str, suffix: str) -> str:
+    def _text_of(self, file: Source) -> str:
         """What of a file's path is read."""
-        parts = PurePosixPath(file).parts[-1 - self.text.count("/") :]
-        name = "/".join(parts)
-        if "#" not in self.text and (block := _BLOCK.fullmatch(name)):
-            name, suffix = block["file"], block["suffix"]
-        if not self.text.lower().endswith(suffix.lower()):
-            name = name[: -len(suffix)]
-        return name if BEFORE_PART.search(self.text) else BEFORE_PART.sub("#", name, count=1)
+        name, text = "/".join(PurePosixPath(file.name).parts[-1 - self.text.count("/") :]), self.text.lower()
+        part = f"#{file.part}" if file.part and (file.is_sheet or "#" in text) else ""
+        has_ending = f"{file.suffix}#" in text if part else text.endswith(file.suffix)
+        return (name if has_ending else name.removesuffix(file.name[len(file.stem) :])) + part
 
     def _reading(self, name: str, lazy: str) -> dict[str, str] | None:
         """The fields of a name; None where it does not fit.
@@ -202,8 +198,7 @@ def _unfit(text: str, slip: str) -> InputError:
     return InputError.stated("file-names.pattern", OPTION, value=f"{text}: {slip}", example=_EXAMPLE)
 
 
-_BLOCK = re.compile(r"(?P<file>.*(?P<suffix>\.(?!xlsx)\w+))#\d+", re.IGNORECASE | re.DOTALL)
-_CUTS = re.compile(rf"({BEFORE_PART.pattern}|[_\-\s/]+)", re.IGNORECASE)
+_CUTS = re.compile(r"([_\-\s/]+)")
 _NUMBERED = re.compile(r"(?P<before>[^\W\d]*)(?P<number>\d+(?:[.,]\d+)?)(?P<after>[^\W\d]*)")
 _WORDS = declared(__package__, "words.toml")
 _UNITS: dict[str, str] = _WORDS["units"]
@@ -220,9 +215,10 @@ _PERSON = re.compile(
 _COUNTED = re.compile(r"n|group(_\d+)?")
 
 
-def bare_name(file: File) -> str:
-    """The name of a file without its ending; that of a part with the part behind ``.xlsx#`` or ``.lvm#``."""
-    return file.name[: len(file.name) - len(file.suffix)]
+def _cut(file: Source) -> list[str]:
+    """The parts of a file's name without its ending, and of that of its part, with what separates them."""
+    parts = _CUTS.split(file.stem)
+    return [*parts, f"{file.name[len(file.stem) :]}#", *_CUTS.split(file.part)] if file.part else parts
 
 
 def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
@@ -239,7 +235,7 @@ def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
         files: of the folder.
         known: facts that are given otherwise; what is in names of them does not matter.
     """
-    cut = [_CUTS.split(bare_name(file)) for file in files]
+    cut = [_cut(file.source) for file in files]
     separators = {tuple(parts[1::2]) for parts in cut}
     if len(separators) != 1:
         return None
@@ -259,7 +255,7 @@ def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
     try:
         pattern = Pattern.parse(text)
         for file in files:
-            pattern.read(file.name, file.suffix)
+            pattern.read(file.source)
     except InputError:
         return None
     return text
@@ -273,7 +269,7 @@ def contradictions(file: File, facts: Mapping[str, str]) -> Iterator[Problem]:
         facts: by name, as text.
     """
     stated = {_kind(name): (name, text) for name, text in facts.items() if name == "side" or is_number(name)}
-    for part in _CUTS.split(bare_name(file))[::2]:
+    for part in _cut(file.source)[::2]:
         match = _NUMBERED.fullmatch(part)
         unit = match["after"] if match else ""
         said = "side" if part.lower() in _SIDES else _UNITS.get(unit, "")

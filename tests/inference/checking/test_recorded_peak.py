@@ -13,6 +13,7 @@ from scipy.constants import g as standard_gravity
 import bayestissue as bt
 from bayestissue.dataset import Dataset, Uncertainty
 from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.files import Source
 from bayestissue.dataset.recorders import contents_of
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
@@ -142,7 +143,7 @@ def recorded_shocks(folder: Path) -> tuple[Dataset, list[float], list[float]]:
     """Both recordings about their peak, the peak of each and the noise before it [standard gravity]."""
     shocks, peaks, noises = [], [], []
     for name in ("Test_010", "Test_024"):
-        channels = contents_of(folder / f"{name}.lvm", name).channels
+        channels = contents_of(Source.at(folder / f"{name}.lvm")).channels
         y = np.asarray(channels["Acceleration_0"].values)
         top = int(y.argmax())
         quiet = y[top - 60 : top - 30]

@@ -40,10 +40,10 @@ class Contents:
     """All channels of a file, by name.
 
     Attributes:
-        channels: in the order of the file; none where it holds several recordings.
+        channels: in the order of the file; none where it holds several blocks.
         first_row: the row, or in a binary file the number, of the first sample.
         written: how a text is written, in words; empty of other files.
-        blocks: the recordings, where the file holds several.
+        blocks: the recordings, of a format whose files may hold several.
     """
 
     channels: dict[str, Channel]

@@ -7,7 +7,7 @@ import logging
 import re
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import chain, pairwise
 from typing import Any
@@ -39,7 +39,7 @@ def is_headerless(begin: bytes) -> bool:
 
 
 def read_lvm(data: bytes, label: str) -> Contents:
-    """The channels of a file of one recording; the ``blocks`` of a file of several.
+    """The blocks of a file, and the channels of one of a single block.
 
     A block of data has a header of its own, or it has as many rows as the header before it states, behind an
     empty line or where ``X_Value`` begins again. Blocks of which each begins one sampling interval after the
@@ -49,7 +49,8 @@ def read_lvm(data: bytes, label: str) -> Contents:
     interval: cells behind the end of a short one are empty.
     """
     recordings = _recordings(data)
-    return recordings[0] if len(recordings) == 1 else Contents({}, blocks=recordings)
+    only = recordings[0] if len(recordings) == 1 else Contents({})
+    return replace(only, blocks=recordings)
 
 
 # The blocks of a file are asked for one by one, each time with the whole of it.

@@ -29,7 +29,8 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float
 
-from bayestissue.dataset.cells import alike, cells_of, in_whatever_case, read_cells
+from bayestissue.dataset.cells import Records, alike, in_whatever_case, read_cells
+from bayestissue.dataset.files import Source
 from bayestissue.elements import element
 from bayestissue.elements.outcomes import NEVER
 from bayestissue.errors import Coded, InputError, Problem, has_control_characters, path_argument
@@ -311,14 +312,14 @@ def read_conditions(
         InputError: everything that is wrong, with file, row, column, value and what was expected.
     """
     if isinstance(table, pd.DataFrame):
-        label, first = _TABLE, 0
+        label = _TABLE
         body = [[_text(value) for value in row] for row in table.itertuples(index=False, name=None)]
-        cells, rows = cells_of([str(n) for n in table], body, range(first, len(body)), (), label=label)
+        cells, rows = Records([str(name) for name in table], body, range(len(body)), label).cells()
     else:
         path = path_argument("table", table, "a pandas table, or the path of a CSV file")
         label = str(table)
         remedy = "Write one: a header with columns of impacts.csv, and a row for each new impact."
-        cells, rows = read_cells(path, (), label=label, keep_empty=True, remedy=remedy)
+        cells, rows = read_cells(Source.at(path, label, remedy=remedy), keep_empty=True)
     usable = _usable(recorded)
     named = [in_whatever_case(name, usable) for name in map(str, cells)]
     # Of a column that stands there in two cases neither is the other.
