@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from bayestissue.dataset import Dataset, Trace
 from bayestissue.dataset.chain import Quantity, Uncertainty
-from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.simulation.campaign import simulate
 from bayestissue.simulation.contact import leaves
 from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue

@@ -259,8 +259,7 @@ class Fit(Result):
         results.require_file(
             Path(draws),
             "--draws",
-            suffixes=DRAWS_AS,
-            is_own=is_draws,
+            results.FileKind(DRAWS_AS, is_draws),
             overwrite=overwrite,
             inputs=read,
         )

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from bayestissue import results, stopping
+from bayestissue import results
 from bayestissue.errors import InputError, PartialResultError
 from bayestissue.outline import Outlined, short
 from bayestissue.remedies import Code
@@ -74,7 +74,7 @@ class Result(Outlined):
 
         Raises:
             InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
-            PartialResultError: the results are written, but not the page, or not where they were to go.
+            PartialResultError: the results are written, but not the page.
         """
         path = Path(path)
         if path.suffix == ".html":
@@ -84,7 +84,7 @@ class Result(Outlined):
         with results.claim(path, overwrite=overwrite, command=self.command, inputs=self.inputs) as target:
             return self.put(target, lambda *_: None)
 
-    def put(self, target: results.Place, say: Say) -> Path:
+    def put(self, target: results.OutputFolder, say: Say) -> Path:
         """Write all into a claimed place, whole, and then the page, which must not put them in doubt.
 
         Raises:
@@ -131,12 +131,12 @@ def after_results(
     Raises:
         PartialResultError: whatever failed in the block, in one line.
     """
-    with stopping.explained(lambda: f"the results are in {folder}; {again}"):
-        try:
-            yield
-        except Exception as error:
-            what = short(" ".join(f"{type(error).__name__}: {error}".split()), 300)
-            raise PartialResultError(
-                f"the results are in {folder}, but {failed} ({what}); {again}",
-                code=code,
-            ) from error
+    try:
+        yield
+    except KeyboardInterrupt as request:
+        request.add_note(f"the results are in {folder}; {again}")
+        raise
+    except Exception as error:
+        what = short(" ".join(f"{type(error).__name__}: {error}".split()), 300)
+        words = f"the results are in {folder}, but {failed} ({what}); {again}"
+        raise PartialResultError(words, code=code) from error

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import bessel, butter, freqs, sosfilt, sosfiltfilt
 
-from bayestissue.dataset import Dataset
+from bayestissue.dataset import Dataset, Trace
 from bayestissue.dataset.chain import Recorder
-from bayestissue.dataset.model import Trace
 from bayestissue.signal import displacements
 from bayestissue.signal.filters import autocorrelation
 from bayestissue.signal.recorder_noise import white_share

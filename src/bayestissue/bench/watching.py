@@ -27,6 +27,7 @@ from bayestissue.bench.verdict import Verdict, verdict
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.impacts import wanted
 from bayestissue.dataset.recorders import suffix_of
+from bayestissue.dataset.traces import Traces
 from bayestissue.errors import InputError, Problem, printable
 from bayestissue.figures.impacts import end
 from bayestissue.inference.answers.predictions import QUANTITIES
@@ -41,7 +42,7 @@ from bayestissue.one_impact import impact as one_impact
 from bayestissue.report.wording import PREDICTED, estimated
 from bayestissue.results import put
 from bayestissue.results.files import file_sha256
-from bayestissue.results.mark import discard, require_left_over, start_job
+from bayestissue.results.manifest import discard, mark_unfinished, require_left_over
 from bayestissue.signal.quality.inspection import KINDS, inspect
 from bayestissue.words import Words
 
@@ -107,8 +108,7 @@ class Watch:
         drops.order = list(order.rows) or drops.order
         self._incoming = drops.folder / _INCOMING
         require_left_over(self._incoming)
-        if self._incoming.exists():
-            discard(self._incoming)
+        discard(self._incoming)
         if self.drops.chosen:
             self.drops.notes.append(f"set on the page: {facts_words(dict(self.drops.chosen))}")
 
@@ -425,7 +425,8 @@ class Watch:
         source, incoming = self.recordings / name, self._incoming / name
         try:
             if not self._incoming.exists():
-                start_job(self._incoming)
+                self._incoming.mkdir(mode=0o700)
+                mark_unfinished(self._incoming)
             incoming.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, incoming)
             sha256 = file_sha256(incoming)
@@ -524,7 +525,7 @@ class Watch:
         joined = replace(
             impact.dataset,
             impacts=pd.concat([data.impacts for data in together], ignore_index=True),
-            traces=[trace for data in together for trace in data.traces],
+            traces=Traces.of([trace for data in together for trace in data.traces]),
         )
         said = [f for f in inspect(joined) if f.kind is KINDS["velocity-contradicted"] and f.said[-1]]
         return f"{said[0].kind.flag}: {said[0].said[-1]}" if said else ""

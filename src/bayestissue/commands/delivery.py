@@ -100,7 +100,7 @@ class Call:
     as_json: bool = False
     skip_bad: bool = False
     scheduler: str | None = None
-    target: results.Place | None = None
+    target: results.OutputFolder | None = None
     then: Callable[[Path], bool] | None = None
     patience_s: float = 0.0
     blocks: ExitStack = field(default_factory=ExitStack)
@@ -118,7 +118,7 @@ class Call:
         return self.blocks.enter_context(Stages(quiet=self.silent, patience_s=self.patience_s))
 
     def parts(self, job: str) -> Path:
-        """A folder for finished parts of a job, kept until the results are written: `Place.unfinished`."""
+        """A folder for finished parts of a job, kept until the results are written."""
         assert self.target is not None  # noqa: S101 - long commands need --out
         return self.blocks.enter_context(self.target.unfinished(job))
 

@@ -12,7 +12,7 @@ import typer
 
 from bayestissue.commands.delivery import Port, Quiet
 from bayestissue.errors import InputError
-from bayestissue.results import locked_folder, locked_in_place
+from bayestissue.results import locked, locked_folder
 from bayestissue.runtime import configure
 
 
@@ -118,7 +118,7 @@ def open_(
 
             why_not = ""
             try:
-                locks.enter_context(locked_in_place(folder))
+                locks.enter_context(locked(folder))
                 writable = os.access(folder, os.W_OK)
             except InputError as error:
                 if error.problems[0].code != "out-unwritable":
@@ -135,7 +135,7 @@ def open_(
         fit, decisions, why_not = read_run(folder), None, ""
         try:
             decisions = decisions_on(fit, dataset)
-            locks.enter_context(locked_in_place(decisions.folder))
+            locks.enter_context(locked(decisions.folder))
         except InputError as error:
             decisions, why_not = None, f"Questions only: no impact can be left out here. {error.problems[0]}"
             echo(why_not)

@@ -18,10 +18,10 @@ from bayestissue.dataset.cells import cells_of, column_problems
 from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
 from bayestissue.dataset.channels import on_first_clock
 from bayestissue.dataset.impacts import impact_table, wanted
-from bayestissue.dataset.model import Dataset, Trace
-from bayestissue.dataset.own_clock import with_own_clock
+from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.read import checked_dataset
-from bayestissue.dataset.recordings import Reading
+from bayestissue.dataset.reading import long_reading
+from bayestissue.dataset.recorders import with_own_clock
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import (
     ChannelSettings,
@@ -33,7 +33,7 @@ from bayestissue.dataset.settings import (
     stated_table,
 )
 from bayestissue.dataset.tables import FIRST_ROW, Columns, Labels, Numbers
-from bayestissue.dataset.traces import long_reading
+from bayestissue.dataset.traces import Reading, Trace
 from bayestissue.errors import InputError, Problem, all_of, along_with, refuse
 
 # What messages call the tables; the checks count rows as a spreadsheet does, a caller's from 0.
@@ -370,6 +370,6 @@ def _hash(settings: Settings, cells: pd.DataFrame, readings: Sequence[Reading]) 
     digest = hashlib.sha256(json.dumps(settings.model_dump(mode="json"), sort_keys=True).encode())
     digest.update(cells.to_csv(index=False).encode())
     for samples in (reading.samples for reading in readings):
-        for array in (samples.impact, samples.start, samples.time, samples.value):
+        for array in (samples.impact, samples.start, samples.time_s, samples.value):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -13,18 +13,17 @@ from jaxtyping import Float64
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.channels import checked_channel, declared, read_channels
-from bayestissue.dataset.checks import check_recordings, stated_problems
+from bayestissue.dataset.checks import Recordings, check_recordings, stated_problems
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import LeftOut, read_left_out
-from bayestissue.dataset.limits import with_limits
-from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.plausible import PLAUSIBLE
-from bayestissue.dataset.recordings import Reading, Recordings, Samples, Windows, crop
+from bayestissue.dataset.reading import find_long, read_files, read_long
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Settings, SignalSettings, read_settings
-from bayestissue.dataset.traces import find_long, read_files, read_long
+from bayestissue.dataset.traces import Reading, Windows, crop, with_limits
 from bayestissue.errors import InputError, Problem, along_with, collected
 from bayestissue.runtime import content_hash
 
@@ -154,7 +153,7 @@ def checked_dataset(
         "gravity": signal.gravity_m_s2,
         "recorder": settings.recorder.values() if settings.recorder else None,
     }
-    recordings = Recordings.with_impacts(samples, impacts, **chain).without(chosen)
+    recordings = Recordings(samples, impacts, **chain).without(chosen)
     findings = check_recordings(recordings)
     problems = [p for p in (*reading.problems, *outside) if p.impact not in by_hand.by_impact]
     problems += findings.problems
@@ -176,7 +175,7 @@ def checked_dataset(
         name=settings.name,
         description=settings.description,
         impacts=impacts[keep].reset_index(drop=True),
-        traces=traces_of(samples, keep),
+        traces=samples.kept(keep),
         warnings=tuple(warning for warning in warnings if warning.impact not in bad),
         left_out=tuple(problems),
         folder=folder,
@@ -189,7 +188,7 @@ def checked_dataset(
         contact=signal.contact,
         rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),
         channels=tuple(
-            declared(channel, traces_of(one.samples, keep))
+            declared(channel, one.samples.kept(keep))
             for channel, one in zip(settings.channel, channels, strict=True)
         ),
         **chain,
@@ -262,14 +261,3 @@ def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
 def _refuse_none_left(problems: list[Problem], table: ImpactTable) -> None:
     if problems and set(table.table["impact"]) <= {problem.impact for problem in problems}:
         raise InputError([*problems, Problem.stated("none-left", IMPACTS, value="none left")])
-
-
-def traces_of(samples: Samples, keep: np.ndarray) -> list[Trace]:
-    """The recordings of the impacts that are kept."""
-    bounds = zip(samples.impact, samples.begin, samples.end, samples.limited, strict=True)
-    parts = [(slice(begin, end), limited) for impact, begin, end, limited in bounds if keep[impact]]
-    clipped = np.zeros(samples.time.size, np.int8) if samples.clipped is None else samples.clipped
-    return [
-        Trace(samples.time[part], samples.value[part], clipped[part] if limited else None)
-        for part, limited in parts
-    ]

@@ -15,7 +15,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.errors import InputError, Problem
-from bayestissue.results import damaged, whole_file
+from bayestissue.results import require_as_written, whole_file
 from bayestissue.results.tables import AGAIN, HELD, wrong_in
 from bayestissue.runtime import FORMAT
 
@@ -74,11 +74,7 @@ def read_about(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         expected = "a file that every finished run holds"
         raise InputError(wrong_in(path, expected, value="no such file", code="not-a-run"))
-    if problems := [
-        wrong_in(folder / name, written, value=current)
-        for name, (written, current) in damaged(folder).items()
-    ]:
-        raise InputError(problems)
+    require_as_written(folder)
     record = read_json(path)
     if not isinstance(record.get("kind"), str):
         keys = ", ".join(record) or "no keys"

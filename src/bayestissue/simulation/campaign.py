@@ -14,8 +14,9 @@ from jaxtyping import Bool, Float, Int
 from bayestissue.dataset import write_dataset
 from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.dataset.impacts import REFERENCE
-from bayestissue.dataset.model import Channel, Dataset, Trace, channel_settings
+from bayestissue.dataset.model import Channel, Dataset, channel_settings
 from bayestissue.dataset.settings import gravity_m_s2
+from bayestissue.dataset.traces import Traces
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.results.tables import write_table
 from bayestissue.signal.filters import decay, on_even_grid
@@ -76,20 +77,17 @@ class Campaign:
 
     def dataset(self, name: str) -> Dataset:
         """The campaign as a dataset, as if it had been written and read, without a folder or a hash."""
-        ends = np.cumsum(self.n_samples)[:-1]
-        times = np.split(self.time, ends)
+        start = np.cumsum([0, *self.n_samples])
         channels: tuple[Channel, ...] = ()
         if self.force is not None and self.force_channel is not None:
             clipped = np.where(np.abs(self.force) >= self.force_limit, np.sign(self.force), 0).astype(np.int8)
-            forces = zip(times, *(np.split(part, ends) for part in (self.force, clipped)), strict=True)
-            traces = [Trace(time, value, at if at.any() else None) for time, value, at in forces]
+            traces = Traces(self.time, self.force, start, clipped=clipped if clipped.any() else None)
             channels = (replace(self.force_channel, traces=traces),)
-        pairs = zip(times, np.split(self.value, ends), strict=True)
         return Dataset(
             name=name,
             description="",
             impacts=self.impacts,
-            traces=[Trace(time, value) for time, value in pairs],
+            traces=Traces(self.time, self.value, start),
             quantity="deceleration",
             uncertainty=self.uncertainty,
             warnings=(),
@@ -203,7 +201,8 @@ def _of_force(force: RecordedForce, count: int, random: np.random.Generator) -> 
 def _channel(force: RecordedForce) -> Channel:
     """What a lab would declare of it."""
     recorder = force.recorder.values() if force.recorder else None
-    return Channel("force", "force", force.place, [], force.relative_gain_sd, force.tip_mass_kg, recorder)
+    declared = force.relative_gain_sd, force.tip_mass_kg, recorder
+    return Channel("force", "force", force.place, Traces.of([]), *declared)
 
 
 def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFrame:

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
+from bayestissue.dataset import Dataset, Trace
 from bayestissue.dataset.chain import Uncertainty
-from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.points.notes import said_once
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak

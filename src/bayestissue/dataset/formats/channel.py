@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -25,12 +25,14 @@ class Channel:
         clock: the recorder's time of each sample in s, where the format carries one.
         unit: as the file writes it; empty where it states none.
         rows: of each sample the row in the file; None where each has the row behind the one before.
+        text: what stood in cells that held no number, by the index of the sample.
     """
 
     values: Float64[np.ndarray, " sample"]
     clock: Float64[np.ndarray, " sample"] | None = None
     unit: str = ""
     rows: Int[np.ndarray, " sample"] | None = None
+    text: dict[int, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
