@@ -98,6 +98,7 @@ def compare(*runs: Fit | str | Path, ask: str | Sequence[str] = ()) -> Compariso
     require_parsed(questions)
     fits = dict(zip(_names(read := all_of(_read, runs)), read, strict=True))
     _require_same_data(fits)
+    all_of(_require_densities, read)
     compared, posteriors = compare_runs(fits), posteriors_by_run(fits)
     answers = same_questions(
         {
@@ -143,14 +144,18 @@ def _read(run: Fit | str | Path) -> Fit:
     if lacking := [key for key in ("input_hash", "model") if not fit.about.get(key)]:
         path = _file(fit, "run.json")
         raise InputError(wrong_in(path, "what every fit writes", _AGAIN, column=lacking[0]))
-    groups = {
+    return fit
+
+
+def _require_densities(fit: Fit) -> None:
+    """Raise an `InputError` of a fit that lacks what is compared."""
+    needed = {
         "log_likelihood": ("trace",),
         "log_likelihood_of_groups": ("traces_of_subject", "traces_of_trial"),
+        "constant_data": ("impact_subject", "mass_kg", "velocity_m_s"),
+        "observed_data": (observed_by(fit),),
     }
-    constants = ("impact_subject", "mass_kg", "velocity_m_s")
-    needed = groups | {"constant_data": constants, "observed_data": (observed_by(fit),)}
     require_groups(fit.posterior, needed, _file(fit, "posterior.nc"), _AGAIN)
-    return fit
 
 
 def _file(fit: Fit, name: str) -> Path:
