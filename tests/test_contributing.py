@@ -122,7 +122,7 @@ def test_recipes_work_again_for_another_name(copied: Path) -> None:
     followed(copied / "src", guide)
     formats = (copied / "src/bayestissue/dataset/formats/__init__.py").read_text(encoding="utf-8")
     for name in ("plainfloat", "shortfloat"):
-        assert formats.count(f"    {name},") == formats.count(f"{name}.FORMAT,") == 1
+        assert formats.count(f"    {name},") == formats.count(f"*{name}.FORMATS,") == 1
 
 
 def test_recipes_work_as_they_are_written(copied: Path) -> None:

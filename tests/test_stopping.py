@@ -57,7 +57,11 @@ def busy():
 
 IN_THE_GARBAGE_COLLECTOR = """
 def busy():
-    gc.callbacks.append(lambda *_: (print("ready", flush=True), time.sleep(60)))
+    def once(*_):
+        gc.callbacks.remove(once)
+        print("ready", flush=True)
+        time.sleep(60)
+    gc.callbacks.append(once)
     gc.collect()
     for _ in range(600):
         time.sleep(0.1)

@@ -54,7 +54,7 @@ def run(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Make a dataset of a folder of recorder files: CSV, Excel, Parquet, .lvm, .tdms, .mat, .c3d, .acq, .h5.
+    """Make a dataset of a folder of recorder files: tables, LabVIEW, MATLAB, C3D and others.
 
     What the files do not say is asked for at a terminal, or given as options. Files such as
     s01_left_2.5kg_1.lvm, whose names are read as {subject}_{side}_{mass_kg}kg_{n}, dropped from 12 cm:
