@@ -19,7 +19,7 @@ BEGINS = """
 import gc, sys, time
 from pathlib import Path
 from bayestissue import __main__, cli
-from bayestissue.report.run_folder import after_results
+from bayestissue.result import after_results
 from bayestissue.results import claim
 from bayestissue.runtime import quieten_libraries, worker_pool
 
