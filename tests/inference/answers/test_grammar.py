@@ -3,6 +3,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from hypothesis import given, settings
@@ -28,7 +29,7 @@ DRAWS = xr.Dataset(
 
 
 def worth(text: str) -> np.ndarray:
-    return draws_of(parse(text), DRAWS, Recorded(None, {}, 1.0)).to_numpy()
+    return draws_of(parse(text), DRAWS, Recorded(pd.DataFrame(), {}, 1.0)).to_numpy()
 
 
 @pytest.mark.parametrize(
