@@ -126,7 +126,7 @@ def _summary(checked: Check) -> list[tuple[str, str]]:
 
 def _entry(checked: Check) -> str:
     """Where a recorder's noise entered, in words."""
-    from bayestissue.signal.recorder_noise import white_share
+    from bayestissue.signal.filters import white_share
 
     white = white_share(checked.dataset, checked.signal)
     if white in {0.0, 1.0}:
