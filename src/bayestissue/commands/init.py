@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from bayestissue.commands.options import Json, Overwrite, Quiet, SkipBad
+from bayestissue.commands.delivery import Json, Overwrite, Quiet, SkipBad
 from bayestissue.errors import Problem, by_cause, printable, refuse
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def run(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Make a dataset of a folder of recorder files: CSV, Excel, Parquet, .lvm, .tdms, .mat, .c3d, .acq, .h5.
+    """Make a dataset of a folder of recorder files: tables, LabVIEW, MATLAB, C3D and others.
 
     What the files do not say is asked for at a terminal, or given as options. Files such as
     s01_left_2.5kg_1.lvm, whose names are read as {subject}_{side}_{mass_kg}kg_{n}, dropped from 12 cm:
@@ -106,7 +106,8 @@ def run(
         separation_s: The least time between two impacts, s.
         name: Name of the dataset; the folder's if not given.
     """
-    from bayestissue.commands.console import echo, explained
+    from bayestissue.commands.console import echo, show
+    from bayestissue.errors import more
     from bayestissue.intake import Choices, Cutting, default_out, prepare, write
 
     choices = Choices(
@@ -131,7 +132,7 @@ def run(
     if not quiet and not as_json:
         for problem in by_cause(built.left_out):
             echo(f"left out: {problem} [{problem.code}]")
-        explained(problem.code for problem in built.left_out)
+        show(more(problem.code for problem in built.left_out))
         for words in intake.written():
             echo(f"texts read as: {words}")
         for words in intake.passed_over():
@@ -140,9 +141,9 @@ def run(
             echo(note)
         echo(f"wrote {path}; look at {path / 'init.html'}")
     if not quiet:
-        from bayestissue.commands import check
+        from bayestissue.commands import datasets
 
-        check.run(path, out=None, skip_bad=False, overwrite=False, quiet=False, as_json=as_json)
+        datasets.check(dataset=path, as_json=as_json)
 
 
 def _facts(

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bayestissue.dataset.clock_times import within_a_day
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import error_line, of_part, read_bytes
 from bayestissue.dataset.formats import (
@@ -38,7 +39,6 @@ SUFFIXES = (*TABLE_SUFFIXES, *FORMATS)
 _NAMED = re.compile(
     r"(?:^|[\W_])(?:time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)(?:[\W_\d]|$)", re.IGNORECASE
 )
-_HALF_DAY_S = 43_200.0
 # Of a sampling interval: times that differ by less are alike.
 _ALIKE = 0.25
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -310,7 +310,7 @@ def _as_beside(times: Numbers, name: str, shared: Numbers | None, first: SignalS
     if shared is None:
         return times
     if times.seconds and shared.seconds:
-        late = (times.start - shared.start + _HALF_DAY_S) % (2 * _HALF_DAY_S) - _HALF_DAY_S
+        late = within_a_day(times.start - shared.start)
         return replace(times, array=times.array + late)
     units = (times.unit or unit_in_name(name), shared.unit or unit_in_name(first.time_column))
     if units[0] == units[1] or {dimension_of(unit, ["time"]) for unit in units} != {"time"}:

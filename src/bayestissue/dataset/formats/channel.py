@@ -58,15 +58,19 @@ class Format:
 
     Attributes:
         name: as its users call it.
-        suffix: how its files' names end, in small letters.
+        suffixes: how its files' names end, in small letters.
         read: from the bytes of a file, and what to call it in a message, to its contents. It may raise
             `UnfitError`, and on damaged bytes anything at all.
+        time: what its times are, for the manual,
+        value: and its values.
         share: of the bytes that a file may have, for what takes many times its size once it is taken apart.
     """
 
     name: str
-    suffix: str
+    suffixes: tuple[str, ...]
     read: Callable[[bytes, str], Contents]
+    time: str = ""
+    value: str = ""
     share: float = 1.0
 
 
