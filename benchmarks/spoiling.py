@@ -11,8 +11,8 @@ from sound import FINE_HZ, Chain, Impact, chain, dataset
 
 from bayestissue.dataset import Dataset, Trace
 from bayestissue.dataset.chain import Quantity
-from bayestissue.dataset.checks import Recordings, check_recordings
-from bayestissue.dataset.traces import Samples
+from bayestissue.dataset.checks import check_recordings
+from bayestissue.dataset.recordings import Recordings, Samples
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.signal.quality import inspection
 

@@ -25,10 +25,10 @@ from bayestissue.result import Result
 from bayestissue.results.tables import table_of_rows
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.filters import white_share
 from bayestissue.signal.force import Force, force_beside
 from bayestissue.signal.quality import Finding, inspect, raised
 from bayestissue.signal.quality.low_pass import suspected
-from bayestissue.signal.recorder_noise import white_share
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset

@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 
 from bayestissue.dataset.chain import Quantity, Uncertainty
-from bayestissue.dataset.checks import Recordings, check_recordings
-from bayestissue.dataset.traces import Samples, at_limit
+from bayestissue.dataset.checks import check_recordings
+from bayestissue.dataset.recordings import Recordings, Samples
+from bayestissue.dataset.traces import at_limit
 
 COUNT = 400
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayestissue.signal.integration import cumulative
-from bayestissue.signal.traces import Recordings, noise_sd
+from bayestissue.signal.traces import PaddedTraces, noise_sd
 
 
 def rows(functions, lengths, dt):
@@ -12,7 +12,7 @@ def rows(functions, lengths, dt):
     value = np.zeros((len(lengths), width))
     for row, (function, n) in enumerate(zip(functions, lengths, strict=True)):
         value[row, :n] = function(np.arange(n) * dt)
-    return Recordings(value, np.array(lengths), np.zeros(len(lengths)), np.full(len(lengths), dt))
+    return PaddedTraces(value, np.array(lengths), np.zeros(len(lengths)), np.full(len(lengths), dt))
 
 
 def test_quintics_are_integrated_exactly_to_the_end_of_every_row():
@@ -58,7 +58,7 @@ def test_noise_is_told_from_the_signal_and_from_a_jump():
     time = np.arange(2000) * 1e-4
     random = np.random.default_rng(1)
     value = np.where(time > 0.02, 60 * np.exp(-20 * time) * np.cos(70 * time), 0)
-    recordings = Recordings(
+    recordings = PaddedTraces(
         (value + 0.4 * random.standard_normal(2000))[None],
         np.array([2000]),
         np.zeros(1),

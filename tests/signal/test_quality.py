@@ -13,7 +13,7 @@ from scipy.stats import binom
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.signal import SignalOptions
 from bayestissue.signal.quality import inspect, raised
-from bayestissue.signal.quality.recorded import Recorded as Seen
+from bayestissue.signal.quality.samples import Recorded as Seen
 from bayestissue.signal.quality.samples import slope, wave
 from bayestissue.signal.traces import stack
 

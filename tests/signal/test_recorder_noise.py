@@ -11,8 +11,7 @@ from scipy.signal import bessel, butter, freqs, sosfilt, sosfiltfilt
 from bayestissue.dataset import Dataset, Trace
 from bayestissue.dataset.chain import Recorder
 from bayestissue.signal import displacements
-from bayestissue.signal.filters import autocorrelation
-from bayestissue.signal.recorder_noise import white_share
+from bayestissue.signal.filters import autocorrelation, white_share
 from bayestissue.simulation import Simulation, simulate
 
 NOISE = 2.0

@@ -22,6 +22,7 @@ from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.read import checked_dataset
 from bayestissue.dataset.reading import long_reading
 from bayestissue.dataset.recorders import with_own_clock
+from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import (
     ChannelSettings,
@@ -33,7 +34,7 @@ from bayestissue.dataset.settings import (
     stated_table,
 )
 from bayestissue.dataset.tables import FIRST_ROW, Columns, Labels, Numbers
-from bayestissue.dataset.traces import Reading, Trace
+from bayestissue.dataset.traces import Trace
 from bayestissue.errors import InputError, Problem, all_of, along_with, refuse
 
 # What messages call the tables; the checks count rows as a spreadsheet does, a caller's from 0.

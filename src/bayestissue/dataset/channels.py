@@ -10,12 +10,13 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64
 
-from bayestissue.dataset.checks import Recordings, check_samples
+from bayestissue.dataset.checks import OF_SAMPLES, check_recordings
 from bayestissue.dataset.impacts import ImpactTable
 from bayestissue.dataset.model import Channel
 from bayestissue.dataset.reading import read_files, read_long
+from bayestissue.dataset.recordings import Reading, Recordings, Windows, crop, with_limits
 from bayestissue.dataset.settings import ChannelSettings, Settings, SignalSettings
-from bayestissue.dataset.traces import MIN_SAMPLES, Reading, Traces, Windows, crop, with_limits
+from bayestissue.dataset.traces import MIN_SAMPLES, Traces
 from bayestissue.errors import Problem, all_of
 
 
@@ -74,11 +75,11 @@ def checked_channel(
         # The rate that impacts.csv states is the first channel's.
         impacts = impacts.drop(columns="sampling_rate_hz", errors="ignore")
     recordings = Recordings(samples, impacts, first.quantity, first.uncertainty)
-    of_samples, sound = check_samples(recordings)
+    findings = check_recordings(recordings, OF_SAMPLES)
     return replace(
         reading,
         samples=samples,
-        problems=[*reading.problems, *problems, *of_samples, *_unfit(sound, first)],
+        problems=[*reading.problems, *problems, *findings.problems, *_unfit(findings.sound, first)],
     )
 
 

@@ -6,161 +6,24 @@ length and greatest value, as `bayestissue.dataset.motion` has them; and recordi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
-from jaxtyping import Bool, Float64, Shaped
+from jaxtyping import Float64
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY, Quantity, Recorder, Uncertainty
-from bayestissue.dataset.motion import Motion, motion
+from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.dataset.motion import Motion
 from bayestissue.dataset.plausible import PLAUSIBLE
+from bayestissue.dataset.recordings import Recordings, Samples
 from bayestissue.dataset.settings import FILE
-from bayestissue.dataset.traces import EVEN_WITHIN, LIMITS, MIN_SAMPLES, RATE_WITHIN, Samples, numbers_in
-from bayestissue.dataset.twins import twins
+from bayestissue.dataset.traces import EVEN_WITHIN, LIMITS, MIN_SAMPLES, RATE_WITHIN
+from bayestissue.dataset.twins import recording_twice
 from bayestissue.errors import Problem
 from bayestissue.outline import counted
 
 _FALLS = "a speed that falls by {:.4g} m/s"
-
-
-@dataclass(frozen=True, eq=False)
-class Recordings:
-    """The samples of every impact that has any, and what else the checks need to know.
-
-    Attributes:
-        samples: end to end.
-        impacts: the rows of ``impacts.csv``, of which each recording has one.
-        quantity: what was recorded.
-        uncertainty: of the measuring chain.
-        gravity: along the motion, m/s².
-        recorder: a low-pass that is declared, or None.
-    """
-
-    samples: Samples
-    impacts: pd.DataFrame
-    quantity: Quantity
-    uncertainty: Uncertainty
-    gravity: float = 0.0
-    recorder: Recorder | None = None
-
-    @cached_property
-    def name(self) -> Shaped[np.ndarray, " impact"]:
-        """Of each impact."""
-        return self.impacts["impact"].to_numpy()[self.samples.impact]
-
-    @property
-    def velocity(self) -> Float64[np.ndarray, " impact"]:
-        """At contact, m/s; nan where it is not known."""
-        return numbers_in(self.impacts, "velocity_m_s")[self.samples.impact]
-
-    @property
-    def rate(self) -> Float64[np.ndarray, " impact"]:
-        """The sampling rate that ``impacts.csv`` states, Hz; nan where it states none."""
-        return numbers_in(self.impacts, "sampling_rate_hz")[self.samples.impact]
-
-    def without(self, problems: list[Problem]) -> Recordings:
-        """The recordings of impacts that none of the problems concerns."""
-        return self._only(~self.impacts["impact"].isin([problem.impact for problem in problems]))
-
-    def of_impacts(self, names: Iterable[str]) -> Recordings:
-        """The recordings of these impacts."""
-        return self._only(self.impacts["impact"].isin(list(names)))
-
-    def _only(self, keep: pd.Series) -> Recordings:
-        mine = keep.to_numpy()[self.samples.impact]
-        return self if mine.all() else replace(self, samples=self.samples[mine])
-
-    def problem(
-        self,
-        key: str,
-        which: int | np.integer,
-        value: object,
-        *,
-        at: int | np.integer | None = None,
-        column: str | None = None,
-        **numbers: Any,
-    ) -> Problem:
-        """What is wrong with recording ``which``, at the sample ``at`` if it is one sample's fault.
-
-        Args:
-            key: of the message: see `Problem.stated`.
-            which: recording.
-            value: what was found.
-            at: which sample.
-            column: that of the values unless another is named.
-            numbers: in the message.
-        """
-        file, name = self.samples.file[which], str(self.name[which])
-        row = None if at is None else int(self.samples.row[at])
-        column = column or self.samples.value_column
-        return Problem.stated(key, file, row, column, value, impact=name, **numbers)
-
-    def where(
-        self,
-        wrong: Bool[np.ndarray, " impact"],
-        key: str,
-        words: str,
-        values: Shaped[np.ndarray, " impact"],
-        *,
-        column: str | None = None,
-        **numbers: Any,
-    ) -> Iterator[Problem]:
-        """A problem for each recording that is ``wrong``; arguments as of `problem`.
-
-        Args:
-            wrong: which recordings are.
-            key: of the message.
-            words: what is there instead, with braces for the number.
-            values: that number of each recording.
-            column: that of the values unless another is named.
-            numbers: in the message; an array has one of each recording.
-        """
-        for which in np.flatnonzero(wrong):
-            here = {name: n[which] if isinstance(n, np.ndarray) else n for name, n in numbers.items()}
-            yield self.problem(key, which, words.format(values[which]), column=column, **here)
-
-
-@dataclass(frozen=True)
-class Findings:
-    """What is wrong with recordings, and what only looks odd."""
-
-    problems: list[Problem]
-    warnings: list[Problem]
-
-
-def check_recordings(recordings: Recordings) -> Findings:
-    """Check every recording.
-
-    Errors: samples that are no numbers; fewer than 8 of them; time that stands still or runs back, or, of
-    displacements and behind a declared low-pass, strays from even spacing by more than a tenth of a step; a
-    stated sampling rate more than 1 % off; steps too long
-    or recordings too short for an impact, as a wrong unit of time makes them; and what `_movement_problems`
-    finds. An impact with an error of one of these kinds is not looked at for the next: it would only raise a
-    false alarm.
-    """
-    problems, recordings = check_samples(recordings)
-    if not len(recordings.samples):
-        return Findings(problems, [])
-    with np.errstate(all="ignore"):
-        moving = motion(recordings.samples, recordings.quantity, recordings.gravity)
-        problems += _movement_problems(recordings, moving)
-        return Findings(problems, [*_same_recordings(recordings), *_movement_warnings(recordings, moving)])
-
-
-def check_samples(recordings: Recordings) -> tuple[list[Problem], Recordings]:
-    """What is wrong with samples and clocks, of whatever was recorded, and the recordings without it."""
-    problems: list[Problem] = []
-    with np.errstate(all="ignore"):
-        for look in (_sample_problems, _clock_problems):
-            problems += look(recordings)
-            recordings = recordings.without(problems)
-            if not len(recordings.samples):
-                break
-    return problems, recordings
 
 
 def _sample_problems(recordings: Recordings) -> Iterator[Problem]:
@@ -219,8 +82,8 @@ def _needs_even(recordings: Recordings) -> str:
     return ""
 
 
-def _movement_problems(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
-    """Recordings that can't be right.
+def _movement_problems(recordings: Recordings) -> Iterator[Problem]:
+    """Movements that can't be right.
 
     A channel that never changes; fewer than 8 samples above a tenth of the greatest deceleration; so few that
     do not stand at the sensor's limit, or, of displacements and behind a declared low-pass, four or more at
@@ -232,6 +95,7 @@ def _movement_problems(recordings: Recordings, moving: Motion) -> Iterator[Probl
     displacements: one that goes down where it should go into the tissue, deeper than a metre, or at
     quite another speed than that at contact.
     """
+    moving = recordings.moving
     dead, narrow = moving.high == moving.low, (moving.pulse < MIN_SAMPLES) & (moving.high > moving.low)
     yield from recordings.where(dead, "constant-signal", "{:g} in every sample", moving.high)
     # Of what drifts or is turned around, it is no matter of the sampling rate.
@@ -240,18 +104,18 @@ def _movement_problems(recordings: Recordings, moving: Motion) -> Iterator[Probl
     yield from recordings.where(narrow & ~below, "narrow-peak.few", words, moving.pulse, least=MIN_SAMPLES)
     words = "{:.4g} m/s² at the farthest"
     yield from recordings.where(narrow & below, "narrow-peak.below", words, -moving.farthest)
-    yield from _clipped(recordings, moving)
-    yield from _impossible_low_pass(recordings, moving)
-    yield from (_depths if recordings.quantity == "displacement" else _speeds)(recordings, moving)
+    yield from _clipped(recordings)
+    yield from _impossible_low_pass(recordings)
+    yield from (_depths if recordings.quantity == "displacement" else _speeds)(recordings)
 
 
-def _movement_warnings(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
-    """Recordings that look odd.
+def _movement_warnings(recordings: Recordings) -> Iterator[Problem]:
+    """Movements that look odd.
 
     A displacement that still grows when the recording ends; an impactor that loses more than 2.5 times the
     speed it came with.
     """
-    velocity = recordings.velocity
+    velocity, moving = recordings.velocity, recordings.moving
     if recordings.quantity == "displacement":
         sinking = (moving.extreme > 0) & (moving.peak >= recordings.samples.end - 2)
         words = "the greatest displacement at the end"
@@ -261,9 +125,9 @@ def _movement_warnings(recordings: Recordings, moving: Motion) -> Iterator[Probl
     yield from recordings.where(fast, "velocity-off.much", _FALLS, moving.loss, velocity=velocity)
 
 
-def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+def _clipped(recordings: Recordings) -> Iterator[Problem]:
     """Clipped recordings that no likelihood takes: see `bayestissue.likelihood.element.clipped`."""
-    samples = recordings.samples
+    samples, moving = recordings.samples, recordings.moving
     if samples.clipped is None:
         return
     limited = samples.clipped != 0
@@ -279,8 +143,9 @@ def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
         )
 
 
-def _impossible_low_pass(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
-    rise, recorder = moving.rise[moving.rise > 0], recordings.recorder
+def _impossible_low_pass(recordings: Recordings) -> Iterator[Problem]:
+    moving, recorder = recordings.moving, recordings.recorder
+    rise = moving.rise[moving.rise > 0]
     if recorder is None or not rise.size:
         return
     corner, typical = recorder.low_pass_hz, float(np.median(rise))
@@ -296,8 +161,9 @@ def _impossible_low_pass(recordings: Recordings, moving: Motion) -> Iterator[Pro
         )  # fmt: skip
 
 
-def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
-    samples, velocity, depth = recordings.samples, recordings.velocity, moving.extreme
+def _depths(recordings: Recordings) -> Iterator[Problem]:
+    samples, velocity, moving = recordings.samples, recordings.velocity, recordings.moving
+    depth = moving.extreme
     yield from recordings.where(depth < 0, "sign.displacement", "{:g} m from the first sample", depth)
     deepest = PLAUSIBLE.deepest_m
     yield from recordings.where(depth > deepest, "unit.depth", "{:.4g} m", depth, deepest=deepest)
@@ -314,8 +180,8 @@ def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     yield from recordings.where(off, "velocity-off.displacement", words, speed, velocity=velocity)
 
 
-def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
-    velocity, uncertainty = recordings.velocity, recordings.uncertainty
+def _speeds(recordings: Recordings) -> Iterator[Problem]:
+    velocity, uncertainty, moving = recordings.velocity, recordings.uncertainty, recordings.moving
     known = np.isfinite(velocity) & (moving.high > moving.low)
     gain_sd, velocity_sd = uncertainty.relative_gain_sd, uncertainty.velocity_sd_m_s / velocity
     allowed = PLAUSIBLE.fall_within + 3 * (gain_sd + velocity_sd)
@@ -352,19 +218,6 @@ def _seconds_at_g(samples: Samples, moving: Motion) -> Float64[np.ndarray, " imp
     return np.add.reduceat((earlier & at_g).astype(np.float64), samples.begin) * samples.interval
 
 
-def _same_recordings(recordings: Recordings) -> Iterator[Problem]:
-    """Recordings of an earlier impact again: see `twins`.
-
-    As two impacts such a recording makes K and C of that person seem known better than they are, and wrong
-    where the stated mass or velocity differs.
-    """
-    for which, earlier, exact in twins(recordings.samples):
-        how = (
-            "the same samples as" if exact else "with other digits, beginning, gain or rate, the recording of"
-        )
-        yield recordings.problem("recording-twice", which, f"{how} impact {recordings.name[earlier]}")
-
-
 def stated_problems(recordings: Recordings) -> Iterator[Problem]:
     """Standard deviations that leave nothing known: of the velocity at contact, and of the recorder's zero.
 
@@ -374,8 +227,7 @@ def stated_problems(recordings: Recordings) -> Iterator[Problem]:
     sds, velocity = recordings.uncertainty, recordings.velocity[np.isfinite(recordings.velocity)]
     if not len(recordings.samples):
         return
-    moving, displaced = motion(recordings.samples, recordings.quantity), recordings.quantity == "displacement"
-    reach = np.median(moving.farthest)
+    displaced, reach = recordings.quantity == "displacement", np.median(recordings.moving.farthest)
     words: dict[str, Any] = {"quantity": recordings.quantity, "unit": "m" if displaced else "m/s^2"}
     for key, name, median in (
         ("velocity", "velocity_sd_m_s", np.median(velocity) if velocity.size else np.inf),
@@ -384,3 +236,61 @@ def stated_problems(recordings: Recordings) -> Iterator[Problem]:
         key, column, sd = f"stated-error-too-large.{key}", f"uncertainty.{name}", getattr(sds, name)
         if sd >= PLAUSIBLE.most_sd * median:
             yield Problem.stated(key, FILE, None, column, sd, median=median, **words)
+
+
+class Check(NamedTuple):
+    """One check of recordings.
+
+    Attributes:
+        find: what is wrong, each problem with the impact that it concerns.
+        sees: whether each recording by itself, or all of a dataset beside each other.
+        warns: whether what it finds stops nothing.
+    """
+
+    find: Callable[[Recordings], Iterable[Problem]]
+    sees: Literal["recording", "dataset"] = "recording"
+    warns: bool = False
+
+
+# An impact with an error that one stage finds is not asked the next: it would only raise a false alarm.
+OF_SAMPLES = ((Check(_sample_problems),), (Check(_clock_problems),))
+OF_MOVEMENT = (
+    Check(_movement_problems),
+    Check(recording_twice, sees="dataset", warns=True),
+    Check(_movement_warnings, warns=True),
+)
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What is wrong with recordings, what only looks odd, and the recordings with nothing wrong."""
+
+    problems: list[Problem]
+    warnings: list[Problem]
+    sound: Recordings
+
+
+def check_recordings(
+    recordings: Recordings, stages: Iterable[tuple[Check, ...]] = (*OF_SAMPLES, OF_MOVEMENT)
+) -> Findings:
+    """Check every recording.
+
+    Errors: samples that are no numbers; fewer than 8 of them; time that stands still or runs back, or, of
+    displacements and behind a declared low-pass, strays from even spacing by more than a tenth of a step; a
+    stated sampling rate more than 1 % off; steps too long or recordings too short for an impact, as a wrong
+    unit of time makes them; and movements that can't be right.
+
+    Args:
+        recordings: of whatever quantity.
+        stages: the checks; of samples and clocks alone those of ``OF_SAMPLES``.
+    """
+    found: dict[bool, list[Problem]] = {False: [], True: []}
+    with np.errstate(all="ignore"):
+        for stage in stages:
+            for check in stage:
+                if check.sees == "recording" or len(recordings.samples) > 1:
+                    found[check.warns] += check.find(recordings)
+            recordings = recordings.without(found[False])
+            if not len(recordings.samples):
+                break
+    return Findings(found[False], found[True], recordings)

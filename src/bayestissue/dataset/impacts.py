@@ -18,7 +18,7 @@ from bayestissue.dataset.cells import FILE, REMEDY, read_cells
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import Source
 from bayestissue.dataset.plausible import PLAUSIBLE
-from bayestissue.dataset.traces import CROP
+from bayestissue.dataset.recordings import CROP
 from bayestissue.declarations import declared
 from bayestissue.errors import Problem, has_control_characters
 

@@ -9,7 +9,7 @@ from jaxtyping import Float64, Int
 
 from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.plausible import PLAUSIBLE
-from bayestissue.dataset.traces import Samples
+from bayestissue.dataset.traces import Traces
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,42 +49,42 @@ class Motion:
         return np.maximum(np.abs(self.high), np.abs(self.low))
 
 
-def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion:
+def motion(traces: Traces, quantity: Quantity, gravity: float = 0.0) -> Motion:
     """The figures of `Motion` for every recording.
 
     Args:
-        samples: finite, at least two per recording, times rising.
+        traces: finite, at least two per recording, times rising.
         quantity: what was recorded.
         gravity: along the motion, m/s²: force over mass slows by so much less.
     """
-    begin, end, owner = samples.begin, samples.end, samples.owner
-    slowing = samples.slowing(quantity).value
+    begin, end, owner = traces.begin, traces.end, traces.owner
+    slowing = traces.slowing(quantity).value
     greatest = np.maximum.reduceat(slowing, begin)
-    displaced = samples.value - samples.value[begin][owner]
+    displaced = traces.value - traces.value[begin][owner]
     begins = _first_at(
         np.abs(displaced) >= PLAUSIBLE.begins * np.maximum.reduceat(np.abs(displaced), begin)[owner], begin
     )
     side = np.where(displaced[begins] < 0, -1.0, 1.0)
-    interval = samples.interval
+    interval = traces.interval
     peak = _first_at(slowing == greatest[owner], begin)
     loss = gain = pulse_loss = rise = np.zeros(begin.size)
-    pulse = samples.n_samples
+    pulse = traces.n_samples
     if quantity != "displacement":
         above, position = slowing > PLAUSIBLE.pulse * greatest[owner], np.arange(owner.size)
         pulse = np.add.reduceat(above.astype(int), begin)
         below = np.where(~above & (position < peak[owner]), position, begin[owner])
-        rise = samples.time_s[peak] - samples.time_s[np.maximum.reduceat(below, begin)]
+        rise = traces.time_s[peak] - traces.time_s[np.maximum.reduceat(below, begin)]
         # An offset can't add up to much over a recording that is hardly longer than the impact.
-        baseline = np.where(2 * pulse < samples.n_samples, _rest(samples, slowing), 0)
-        step = np.append(np.diff(samples.time_s), 0)
+        baseline = np.where(2 * pulse < traces.n_samples, _rest(traces, slowing), 0)
+        step = np.append(np.diff(traces.time_s), 0)
         # The step from one recording to the next means nothing.
         step[end - 1] = 0
-        loss = _climb(samples, slowing - gravity, step)
-        gain = _climb(samples, np.minimum(baseline, 0)[owner] - slowing, step)
-        pulse_loss = _climb(samples, slowing - np.maximum(baseline, 0)[owner] - gravity, step)
+        loss = _climb(traces, slowing - gravity, step)
+        gain = _climb(traces, np.minimum(baseline, 0)[owner] - slowing, step)
+        pulse_loss = _climb(traces, slowing - np.maximum(baseline, 0)[owner] - gravity, step)
     return Motion(
-        low=np.minimum.reduceat(samples.value, begin),
-        high=np.maximum.reduceat(samples.value, begin),
+        low=np.minimum.reduceat(traces.value, begin),
+        high=np.maximum.reduceat(traces.value, begin),
         peak=peak,
         extreme=side * np.maximum.reduceat(side[owner] * displaced, begin),
         pulse=pulse,
@@ -97,8 +97,8 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
     )
 
 
-def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
-    begin, owner = samples.begin, samples.owner
+def _climb(traces: Traces, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
+    begin, owner = traces.begin, traces.owner
     # In units of what each recording could reach at most, so that an absurd one can't drown the others.
     unit = np.maximum.reduceat(np.abs(rate), begin) * np.add.reduceat(step, begin)
     unit = np.where(unit > 0, unit, 1)
@@ -109,10 +109,10 @@ def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.maximum.reduceat(total - np.minimum.accumulate(total), begin) * unit
 
 
-def _rest(samples: Samples, values: np.ndarray) -> np.ndarray:
+def _rest(traces: Traces, values: np.ndarray) -> np.ndarray:
     # Of a recording's two ends, the level of the one nearer to zero: an offset, or less than one.
-    begin, end = samples.begin, samples.end
-    few = np.minimum(np.maximum(samples.n_samples // 50, 3), samples.n_samples)
+    begin, end = traces.begin, traces.end
+    few = np.minimum(np.maximum(traces.n_samples // 50, 3), traces.n_samples)
     total = np.concatenate([[0], np.cumsum(values)])
     first = (total[begin + few] - total[begin]) / few
     last = (total[end] - total[end - few]) / few

@@ -13,7 +13,7 @@ from jaxtyping import Float64
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.channels import checked_channel, declared, read_channels
-from bayestissue.dataset.checks import Recordings, check_recordings, stated_problems
+from bayestissue.dataset.checks import check_recordings, stated_problems
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
@@ -21,9 +21,9 @@ from bayestissue.dataset.left_out import LeftOut, read_left_out
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.reading import find_long, read_files, read_long
+from bayestissue.dataset.recordings import Reading, Recordings, Windows, crop, with_limits
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Settings, SignalSettings, read_settings
-from bayestissue.dataset.traces import Reading, Windows, crop, with_limits
 from bayestissue.errors import InputError, Problem, along_with, collected
 from bayestissue.runtime import content_hash
 

@@ -14,18 +14,10 @@ from jaxtyping import Int
 from bayestissue.dataset.files import Source, require_small
 from bayestissue.dataset.formats import Channel
 from bayestissue.dataset.recorders import read_recording, with_own_clock
+from bayestissue.dataset.recordings import Reading, Samples, Windows, crop, in_seconds, in_si, numbers_in
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import Columns, Labels, read_table
-from bayestissue.dataset.traces import (
-    Reading,
-    Samples,
-    Trace,
-    Windows,
-    crop,
-    in_seconds,
-    in_si,
-    numbers_in,
-)
+from bayestissue.dataset.traces import Trace
 from bayestissue.errors import InputError, Problem
 
 LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.xlsx", "traces.parquet")

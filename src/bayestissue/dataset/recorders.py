@@ -24,9 +24,10 @@ from bayestissue.dataset.formats import (
     labview,
     unit_in_name,
 )
+from bayestissue.dataset.recordings import in_seconds
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, Numbers, read_table
-from bayestissue.dataset.traces import MIN_SAMPLES, in_seconds
+from bayestissue.dataset.traces import MIN_SAMPLES
 from bayestissue.dataset.units import dimension_of, to_si
 from bayestissue.errors import InputError, Problem, refuse
 

@@ -4,22 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Self, overload
+from typing import Any, Self
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Bool, Float64, Int, Int8
 
 from bayestissue.dataset.chain import ChannelQuantity, Quantity
-from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import BEYOND_LIMIT
-from bayestissue.dataset.units import to_si
-from bayestissue.errors import Problem
 from bayestissue.outline import counted, span
 
-# The columns of `impacts.csv` that state a stretch, and the fewest samples that are a recording.
-CROP = ("crop_start_s", "crop_stop_s")
+# The fewest samples that are a recording.
 MIN_SAMPLES = 8
 # Of a step: times that stray by no more from even ones are taken as even, as a clock of few digits has them.
 EVEN_WITHIN = 0.1
@@ -83,7 +76,7 @@ class Traces(Sequence[Trace]):
     clipped: Int8[np.ndarray, " sample"] | None = field(default=None, kw_only=True)
 
     @classmethod
-    def of(cls, traces: Iterable[Trace]) -> Traces:
+    def of(cls, traces: Iterable[Trace | Traces]) -> Traces:
         """These recordings end to end; themselves where they are so already."""
         if isinstance(traces, Traces):
             return traces
@@ -101,11 +94,7 @@ class Traces(Sequence[Trace]):
     def __len__(self) -> int:
         return self.start.size - 1
 
-    @overload
-    def __getitem__(self, which: int) -> Trace: ...
-    @overload
-    def __getitem__(self, which: slice | Sequence[int] | np.ndarray) -> Self: ...
-    def __getitem__(self, which: int | slice | Sequence[int] | np.ndarray) -> Trace | Self:
+    def __getitem__(self, which: Any) -> Any:
         """One recording, or those of a slice, of positions in any order, or of a truth value each."""
         if isinstance(which, int | np.integer):
             row = range(len(self))[which]
@@ -221,163 +210,6 @@ class Traces(Sequence[Trace]):
         return np.interp(time - least + width * owner, self.time_s - least + width * self.owner, self.value)
 
 
-@dataclass(frozen=True, eq=False)
-class Samples(Traces):
-    """The recordings of all impacts that have one, as they were read; a value is nan where no number stood.
-
-    Attributes:
-        impact: of each recording its position in ``impacts.csv``.
-        file: of each the file it came from.
-        row: of every sample its row there.
-        time_column, value_column: what the columns are called there.
-        text: what stood in cells that held no number, by the index of the sample.
-    """
-
-    impact: Int[np.ndarray, " impact"]
-    file: list[str]
-    row: Int[np.ndarray, " sample"]
-    time_column: str = "time_s"
-    value_column: str = "value"
-    text: dict[int, str] = field(default_factory=dict)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Samples], signal: SignalSettings) -> Samples:
-        """Those of several impacts, each by itself, end to end."""
-        start = np.cumsum([0, *(part.time_s.size for part in parts)])
-        time, value = (
-            np.concatenate([np.empty(0), *(getattr(part, name) for part in parts)])
-            for name in ("time_s", "value")
-        )
-        impact, row = (
-            np.concatenate([np.empty(0, int), *(getattr(part, name) for part in parts)])
-            for name in ("impact", "row")
-        )
-        texts = (
-            (int(at) + i, words)
-            for at, part in zip(start, parts, strict=False)
-            for i, words in part.text.items()
-        )
-        files, columns = [part.file[0] for part in parts], (signal.time_column, signal.value_column)
-        return cls(time, value, start, impact, files, row, *columns, dict(texts))
-
-    def _taken(self, samples: np.ndarray, rows: np.ndarray, count: np.ndarray) -> Self:
-        sites = np.flatnonzero(np.isin(samples, list(self.text))) if self.text else ()
-        return replace(
-            super()._taken(samples, rows, count),
-            impact=self.impact[rows],
-            file=[self.file[row] for row in rows],
-            row=self.row[samples],
-            text={int(site): self.text[int(samples[site])] for site in sites},
-        )
-
-    @property
-    def to_their_ends(self) -> Samples:
-        """Without rows behind the end of a recording, in which others of the table go on: they are empty."""
-        filled = np.isfinite(self.time_s) | np.isfinite(self.value)
-        filled[[at for at, words in self.text.items() if words.strip()]] = True
-        if filled.all():
-            return self
-        at = np.arange(filled.size)
-        last = np.maximum.reduceat(np.where(filled, at, -1), self.begin)[self.owner]
-        return self.at((at <= last) | (last < 0))
-
-    def kept(self, keep: Bool[np.ndarray, " impact"]) -> Traces:
-        """Those of the impacts that are kept, one truth value for each of ``impacts.csv``."""
-        part = self[keep[self.impact]] if not keep.all() else self
-        return Traces(part.time_s, part.value, part.start, clipped=part.clipped)
-
-
-@dataclass(frozen=True, eq=False)
-class Reading:
-    """What came of reading the recordings.
-
-    Attributes:
-        samples: of the impacts that have any.
-        problems: what is wrong with single impacts.
-        files: what was read.
-    """
-
-    samples: Samples
-    problems: list[Problem]
-    files: list[Path]
-
-
-def in_si(raw: np.ndarray, signal: SignalSettings) -> np.ndarray:
-    """Raw values in m/s² or m: scale and offset first, then the unit, then the sensor's zero.
-
-    What a sensor reads whose zero is at rest becomes force over mass: see `bayestissue.dataset.Dataset`.
-    """
-    # What overflows is found with everything else that is not finite.
-    with np.errstate(over="ignore", invalid="ignore"):
-        value = (raw * signal.scale + signal.offset) * to_si(signal.unit, signal.dimension)
-        return value + signal.below_force if signal.below_force else value
-
-
-def in_seconds(time: np.ndarray, signal: SignalSettings) -> np.ndarray:
-    """Times in s."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return time * to_si(signal.time_unit, "time")
-
-
-def ends_of(signal: SignalSettings) -> tuple[float, float]:
-    """The times from which and to which recordings are read, s, by ``signal.crop``."""
-    start, stop = in_seconds(np.array(signal.crop or [-np.inf, np.inf]), signal)
-    return float(start), float(stop)
-
-
-def numbers_in(impacts: pd.DataFrame, name: str) -> Float64[np.ndarray, " impact"]:
-    """A column of ``impacts.csv`` that it may lack; nan where it states nothing."""
-    if name not in impacts:
-        return np.full(len(impacts), np.nan)
-    return np.asarray(impacts[name], dtype=np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class Windows:
-    """The times between which each impact is read, both included, on the recorder's clock.
-
-    Attributes:
-        start: s; minus infinity where the recording is read from its beginning.
-        stop: s; infinity where it is read to its end.
-    """
-
-    start: Float64[np.ndarray, " impact"]
-    stop: Float64[np.ndarray, " impact"]
-
-    @classmethod
-    def stated(cls, impacts: pd.DataFrame, signal: SignalSettings) -> Windows:
-        """What ``impacts.csv`` says; where a cell is empty, what ``signal.crop`` says."""
-        cells = (numbers_in(impacts, name) for name in CROP)
-        ends = zip(cells, ends_of(signal), strict=True)
-        return cls(*(np.where(np.isfinite(cell), cell, end) for cell, end in ends))
-
-    def meet(self, first: int, second: int) -> bool:
-        """Whether two impacts of one recording have a stretch in common."""
-        return bool(self.start[first] < self.stop[second] and self.start[second] < self.stop[first])
-
-
-def crop(samples: Samples, windows: Windows, names: list[str]) -> tuple[Samples, list[Problem]]:
-    """The samples inside the windows, and what is wrong with impacts that have none there.
-
-    A sample whose time is no number stays, to be found as such.
-
-    Args:
-        samples: of the impacts that have any.
-        windows: of all impacts.
-        names: of all impacts.
-    """
-    start, stop = windows.start[samples.impact], windows.stop[samples.impact]
-    before, after = (end[samples.owner] for end in (start, stop))
-    keep = ~((samples.time_s < before) | (samples.time_s > after))
-    problems, left = [], np.bincount(samples.owner[keep], minlength=len(samples))
-    for which in np.flatnonzero(left == 0):
-        time, name = samples[int(which)].time_s, names[samples.impact[which]]
-        times = f"times from {time.min():.6g} to {time.max():.6g} s" if time.size else "no samples"
-        ends = {"start": start[which], "stop": stop[which]}
-        problems.append(Problem.stated("crop.nothing", samples.file[which], value=times, impact=name, **ends))
-    return samples.at(keep), problems
-
-
 @dataclass(frozen=True)
 class LimitSettings:
     """By what samples at a sensor's limit are told from the peak of an impact.
@@ -402,32 +234,8 @@ class LimitSettings:
 LIMITS = LimitSettings()
 
 
-def with_limits(
-    samples: Samples, quantity: Quantity | ChannelQuantity, stated: tuple[float, float] | None = None
-) -> Samples:
-    """The recordings with what `at_limit` finds, and what a recorder itself wrote as beyond its range.
-
-    That has the greatest value of the recording on its side, or the one that was stated; arguments as of
-    `at_limit`.
-    """
-    said = [at for at, words in samples.text.items() if words.strip() in BEYOND_LIMIT]
-    at = np.array([i for i in said if np.isinf(samples.value[i])], int)
-    clipped = at_limit(samples, quantity, stated)
-    if not at.size:
-        return replace(samples, clipped=clipped) if clipped.any() else samples
-    value = samples.value.copy()
-    for sign in (1, -1):
-        limits = np.maximum.reduceat(np.where(np.isfinite(value), sign * value, -np.inf), samples.begin)
-        if stated is not None:
-            limits = np.maximum(limits, sign * stated[sign > 0])
-        mine = at[np.sign(samples.value[at]) == sign]
-        value[mine] = sign * limits[samples.owner[mine]]
-    clipped[at] = np.sign(samples.value[at])
-    return replace(samples, value=value, clipped=clipped)
-
-
 def at_limit(
-    samples: Samples, quantity: Quantity | ChannelQuantity, stated: tuple[float, float] | None = None
+    traces: Traces, quantity: Quantity | ChannelQuantity, stated: tuple[float, float] | None = None
 ) -> Int8[np.ndarray, " sample"]:
     """1 where a sample stands at the sensor's upper limit, -1 at its lower one, 0 elsewhere.
 
@@ -435,12 +243,12 @@ def at_limit(
     own just below it, or a plateau in one of them. No recording of the sensor goes beyond it.
 
     Args:
-        samples: the recordings, of one sensor.
+        traces: the recordings, of one sensor.
         quantity: what was recorded.
         stated: the lower and the upper limit, m/s², m or N; None where none is known.
     """
-    value, clipped = samples.value, np.zeros(samples.value.size, np.int8)
-    if not samples.impact.size:
+    value, clipped = traces.value, np.zeros(traces.value.size, np.int8)
+    if not len(traces):
         return clipped
     with np.errstate(all="ignore"):
         if stated is not None:
@@ -450,25 +258,25 @@ def at_limit(
             )
             return (value >= high).astype(np.int8) - (value <= low).astype(np.int8)
         for sign in (1, -1):
-            limit = _shared(samples, sign)
+            limit = _shared(traces, sign)
             if limit is not None:
                 clipped[np.abs(value - limit) <= LIMITS.same * np.abs(limit)] = sign
-        _mark_plateaus(samples, quantity, clipped)
+        _mark_plateaus(traces, quantity, clipped)
     return clipped
 
 
-def _shared(samples: Samples, sign: int) -> float | None:
+def _shared(traces: Traces, sign: int) -> float | None:
     """The greatest value of the recordings on one side, if it is a limit of several."""
-    value = sign * samples.value
-    greatest = np.maximum.reduceat(value, samples.begin)
-    least = np.minimum.reduceat(value, samples.begin)
+    value = sign * traces.value
+    greatest = np.maximum.reduceat(value, traces.begin)
+    least = np.minimum.reduceat(value, traces.begin)
     known = np.isfinite(greatest) & (greatest > 0.5 * -least) & (greatest > least)
     if known.sum() < 2:
         return None
     limit = greatest[known].max()
     same = known & (greatest >= limit * (1 - LIMITS.same))
     # What was exported twice has its greatest value twice.
-    parts = [value[samples.begin[which] : samples.end[which]] for which in np.flatnonzero(same)]
+    parts = [value[traces.begin[which] : traces.end[which]] for which in np.flatnonzero(same)]
     different = len({part.tobytes() for part in parts})
     count = sum(np.count_nonzero(part >= limit * (1 - LIMITS.same)) for part in parts)
     step = _step(value[np.isfinite(value)], LIMITS.same * limit, otherwise=limit)
@@ -478,7 +286,7 @@ def _shared(samples: Samples, sign: int) -> float | None:
 
 
 def _mark_plateaus(
-    samples: Samples, quantity: Quantity | ChannelQuantity, clipped: Int8[np.ndarray, " sample"]
+    traces: Traces, quantity: Quantity | ChannelQuantity, clipped: Int8[np.ndarray, " sample"]
 ) -> None:
     """Write into ``clipped`` where recordings are cut off at one value.
 
@@ -486,18 +294,18 @@ def _mark_plateaus(
     it hold together. A smooth or noisy peak has its readings spread over these steps. Of a displacement only
     the upper side counts.
     """
-    value = samples.value
-    ends = [np.maximum.reduceat(value, samples.begin), np.minimum.reduceat(value, samples.begin)]
+    value = traces.value
+    ends = [np.maximum.reduceat(value, traces.begin), np.minimum.reduceat(value, traces.begin)]
     greatest = np.maximum(*np.abs(ends))
     for limit, sign in zip(ends[:1] if quantity == "displacement" else ends, (1, -1), strict=False):
-        count = np.add.reduceat((value == limit[samples.owner]).astype(int), samples.begin)
+        count = np.add.reduceat((value == limit[traces.owner]).astype(int), traces.begin)
         extreme = (np.abs(limit) > 0.5 * greatest) & (ends[0] > ends[1])
         for which in np.flatnonzero(extreme & (count >= LIMITS.plateau)):
-            mine = value[samples.begin[which] : samples.end[which]]
+            mine = value[traces.begin[which] : traces.end[which]]
             distance = np.abs(mine - limit[which])
             near = LIMITS.steps_below * _step(mine, LIMITS.same * np.ptp(mine))
             if count[which] > 3 * np.count_nonzero((distance > 0) & (distance < near)) + 2:
-                clipped[samples.begin[which] : samples.end[which]][mine == limit[which]] = sign
+                clipped[traces.begin[which] : traces.end[which]][mine == limit[which]] = sign
 
 
 def _step(values: Float64[np.ndarray, " sample"], rounding: float, otherwise: float = np.inf) -> float:

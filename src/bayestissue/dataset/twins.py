@@ -13,7 +13,9 @@ from itertools import combinations
 import numpy as np
 from scipy.special import ndtri
 
-from bayestissue.dataset.traces import RATE_WITHIN, Samples
+from bayestissue.dataset.recordings import Recordings
+from bayestissue.dataset.traces import RATE_WITHIN, Traces
+from bayestissue.errors import Problem
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,20 @@ class TwinSettings:
 TWINS = TwinSettings()
 
 
-def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
+def recording_twice(recordings: Recordings) -> Iterator[Problem]:
+    """Recordings of an earlier impact again: see `twins`.
+
+    As two impacts such a recording makes K and C of that person seem known better than they are, and wrong
+    where the stated mass or velocity differs.
+    """
+    for which, earlier, exact in twins(recordings.samples):
+        how = (
+            "the same samples as" if exact else "with other digits, beginning, gain or rate, the recording of"
+        )
+        yield recordings.problem("recording-twice", which, f"{how} impact {recordings.name[earlier]}")
+
+
+def twins(traces: Traces) -> Iterator[tuple[int, int, bool]]:
     """Of each recording that stands twice its place, that of the first one, and whether all digits agree.
 
     A recording is another one again where, laid upon each other at their highest or steepest samples, give
@@ -53,7 +68,7 @@ def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
     raises an alarm. Of recordings whose intervals are multiples of one another, those of the shorter one are
     looked at with as many samples left out, from each of the first ones on.
     """
-    values = [trace.value for trace in samples]
+    values = [trace.value for trace in traces]
     first: dict[bytes, int] = {}
     distinct = []
     for which, value in enumerate(values):
@@ -63,10 +78,10 @@ def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
         else:
             yield which, earlier, True
     yield from _again([(which, values[which]) for which in distinct], values)
-    rates = np.round(np.log(samples.interval[distinct]) / np.log1p(RATE_WITHIN)).astype(int)
+    rates = np.round(np.log(traces.interval[distinct]) / np.log1p(RATE_WITHIN)).astype(int)
     groups = [[distinct[at] for at in np.flatnonzero(rates == rate)] for rate in np.unique(rates)]
     for fine, coarse in combinations(groups, 2):
-        ratio = samples.interval[coarse[0]] / samples.interval[fine[0]]
+        ratio = traces.interval[coarse[0]] / traces.interval[fine[0]]
         if 2 <= (every := round(ratio)) <= TWINS.kept and abs(ratio / every - 1) < 2 * RATE_WITHIN:
             thinned = [(which, values[which][begin::every]) for which in fine for begin in range(every)]
             yield from _again([*thinned, *((which, values[which]) for which in coarse)], values)

@@ -16,10 +16,9 @@ from bayestissue.likelihood.element.record import ForceRows
 from bayestissue.likelihood.element.recorder import LowPass
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
-from bayestissue.signal.filters import ahead_s, decay, delay
+from bayestissue.signal.filters import ahead_s, decay, delay, white_share
 from bayestissue.signal.force import Force, force_beside
-from bayestissue.signal.recorder_noise import white_share
-from bayestissue.signal.traces import Recordings, segment_moments, stack, standard_error
+from bayestissue.signal.traces import PaddedTraces, segment_moments, stack, standard_error
 
 # The zero is the mean of what ends so many samples before the first one in contact.
 _CLEAR = 3
@@ -115,7 +114,7 @@ class RowsWithin:
         n_quiet: how many samples that has.
     """
 
-    recorded: Recordings
+    recorded: PaddedTraces
     used: Bool[np.ndarray, "impact sample"]
     begin: Int[np.ndarray, " impact"]
     number: Int[np.ndarray, " impact"]
@@ -146,7 +145,7 @@ class RowsWithin:
 
 
 def rows_within(
-    recorded: Recordings,
+    recorded: PaddedTraces,
     signal: Displacements,
     earlier_s: Float[np.ndarray, " impact"],
     later_s: Float[np.ndarray, " impact"],
@@ -214,7 +213,7 @@ def prepared_force(
         # What a filter makes of the jump at contact is not linear in when that was.
         settled = -np.log(_SETTLED) / decay(recorder, dt)
         usable = usable & (recorded.start[:, None] + recorded.time_s >= (first + settled)[:, None])
-    at_limit = 0 if recorded.clipped is None else (rows.used & (recorded.clipped != 0)).any(axis=1).sum()
+    at_limit = (rows.used & recorded.at_limit).any(axis=1).sum()
     for wrong, words in (
         (at_limit, f"it stands at its sensor's limit in {at_limit} of {len(dt)} impacts"),
         (recorder and reach, "it is behind a low-pass, and the deceleration does not show when contact was"),
@@ -265,7 +264,7 @@ def prepared_force(
     )
 
 
-def _filtered(dataset: Dataset, signal: Displacements, recorded: Recordings, rows: int) -> dict[str, Any]:
+def _filtered(dataset: Dataset, signal: Displacements, recorded: PaddedTraces, rows: int) -> dict[str, Any]:
     """Of a force behind a low-pass its ``low_pass`` and, where its noise went through it, ``colour``.
 
     Then also ``rate`` and by how much ``longer`` a mean takes to settle.

@@ -40,8 +40,7 @@ from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.remedies import Code
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, BELOW_ZERO, FEWEST_SAMPLES
-from bayestissue.signal.filters import delay
-from bayestissue.signal.recorder_noise import white_share
+from bayestissue.signal.filters import delay, white_share
 
 # Of the log of force over mass times deceleration, where nothing is declared of masses and gains.
 _LEAST_RATIO_SD = 1e-3

@@ -19,9 +19,10 @@ from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import Source
 from bayestissue.dataset.left_out import NEVER_READ, reason_of, write_left_out
 from bayestissue.dataset.reading import read_one
+from bayestissue.dataset.recordings import CROP, ends_of
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings
-from bayestissue.dataset.traces import CROP, MIN_SAMPLES, Traces, ends_of
+from bayestissue.dataset.traces import MIN_SAMPLES, Traces
 from bayestissue.declarations import sentences
 from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.choices import Choices, require_steady

@@ -1,7 +1,7 @@
 """From a recording to the displacement of one impact: offset, contact, integration, window."""
 
 from bayestissue.signal.displacement import Displacements, displacements
-from bayestissue.signal.options import SignalOptions, read_signal_options
+from bayestissue.signal.settings import SignalOptions, read_signal_options
 
 __all__ = [
     "Displacements",

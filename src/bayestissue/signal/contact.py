@@ -9,13 +9,12 @@ import numpy as np
 
 from bayestissue.dataset.chain import STANDARD_GRAVITY, Quantity
 from bayestissue.dataset.traces import Trace, Traces
-from bayestissue.signal.options import SignalOptions
-from bayestissue.signal.settings import CONTACT
+from bayestissue.signal.settings import CONTACT, SignalOptions
 from bayestissue.signal.traces import (
     Column,
     Index,
     Mask,
-    Recordings,
+    PaddedTraces,
     at,
     first_where,
     from_sample,
@@ -60,13 +59,13 @@ class Onset:
         return np.where(count >= CONTACT.scatter_samples, of_scatter, self.noise_sd / np.sqrt(count))
 
 
-def motion_of(traces: Sequence[Trace], quantity: Quantity) -> Recordings:
+def motion_of(traces: Sequence[Trace], quantity: Quantity) -> PaddedTraces:
     """The recordings of these traces, positive while the impactor slows, from its release on."""
     slowing = stack(Traces.of(traces).slowing(quantity))
     return slowing if quantity == "displacement" else since_release(slowing)
 
 
-def since_release(recordings: Recordings) -> Recordings:
+def since_release(recordings: PaddedTraces) -> PaddedTraces:
     """Each recording from where its impactor falls freely, if it was held before; else as it is.
 
     What is held reads one g more than what falls, whatever the zero: most of the samples before the lowest
@@ -90,13 +89,10 @@ def since_release(recordings: Recordings) -> Recordings:
         return recordings
     # Letting go takes a while.
     first = np.where(released, last + 1 + np.ceil(CONTACT.letting_go * (peak - last)).astype(int), 0)
-    clipped = recordings.clipped
-    if clipped is not None:
-        clipped = from_sample(replace(recordings, value=clipped), first).value
-    return replace(from_sample(recordings, first), clipped=clipped)
+    return from_sample(recordings, first)
 
 
-def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
+def find_onset(recordings: PaddedTraces, options: SignalOptions) -> Onset:
     """See `_onset`; where noise is large beside the peak, in means of so many samples as leave little of it.
 
     Contact is then known to within the mean's width only.
@@ -128,12 +124,12 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     )
 
 
-def _ahead(recordings: Recordings) -> Index:
+def _ahead(recordings: PaddedTraces) -> Index:
     """Samples before contact that a filter run backwards answers in."""
     return np.ceil(recordings.ahead_s / recordings.dt).astype(int)
 
 
-def _means(recordings: Recordings, half: Index) -> np.ndarray:
+def _means(recordings: PaddedTraces, half: Index) -> np.ndarray:
     """The mean of each sample and ``half`` of them on either side, of fewer at a recording's ends."""
     sums = np.pad(np.cumsum(np.where(recordings.inside, recordings.value, 0.0), axis=1), ((0, 0), (1, 0)))
     index = np.arange(recordings.value.shape[1])
@@ -143,7 +139,7 @@ def _means(recordings: Recordings, half: Index) -> np.ndarray:
     return np.where(recordings.inside, rows / np.maximum(high - low, 1), recordings.value)
 
 
-def _onset(recordings: Recordings, options: SignalOptions, noise: Column) -> Onset:
+def _onset(recordings: PaddedTraces, options: SignalOptions, noise: Column) -> Onset:
     """Contact in recorded decelerations (m/s², positive while the impactor slows), all impacts at once.
 
     automatic: the baseline is the mean of the quiet part, or 0 where the recording has none. Going back
@@ -203,7 +199,7 @@ def _onset(recordings: Recordings, options: SignalOptions, noise: Column) -> Ons
     )
 
 
-def displacement_contact(recordings: Recordings, options: SignalOptions) -> tuple[Index, Column]:
+def displacement_contact(recordings: PaddedTraces, options: SignalOptions) -> tuple[Index, Column]:
     """The first sample of a displacement at or after contact, and the seconds from contact to it.
 
     automatic: displacement is counted into the tissue, so contact is where it last passes 0 on its way up
@@ -222,7 +218,7 @@ def displacement_contact(recordings: Recordings, options: SignalOptions) -> tupl
     return first, _since_crossing(recordings, level, first) * recordings.dt
 
 
-def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:
+def from_time_zero(recordings: PaddedTraces) -> tuple[Index, Column]:
     """The first sample at or after time 0, and the seconds from time 0 to it."""
     # Times are sums and quotients in floating point: a millionth of an interval counts as no time.
     since = -recordings.start / recordings.dt - 1e-6
@@ -233,7 +229,7 @@ def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:
     return first, np.maximum(recordings.start + recordings.sample_number_of(first) * recordings.dt, 0)
 
 
-def _first_baseline(recordings: Recordings, peak: Column, last_below: LastBelow) -> Column:
+def _first_baseline(recordings: PaddedTraces, peak: Column, last_below: LastBelow) -> Column:
     start, _ = segment_moments(recordings.value, np.minimum(recordings.n, CONTACT.quiet_samples))
     start = np.where(start < CONTACT.quiet_ceiling * peak, start, 0)
     low = last_below(start + 0.2 * (peak - start)) + 1
@@ -243,7 +239,7 @@ def _first_baseline(recordings: Recordings, peak: Column, last_below: LastBelow)
 
 
 def _quiet_part(
-    recordings: Recordings, end: Index, sd: Column, peak: Column, otherwise: Column
+    recordings: PaddedTraces, end: Index, sd: Column, peak: Column, otherwise: Column
 ) -> tuple[Mask, Column, Column]:
     end = np.maximum(end, 0)
     mean, scatter = segment_moments(recordings.value, end)
@@ -260,7 +256,7 @@ def _quiet_part(
     )
 
 
-def _last_quiet(recordings: Recordings, first: Index, baseline: Column, sd: Column) -> Index:
+def _last_quiet(recordings: PaddedTraces, first: Index, baseline: Column, sd: Column) -> Index:
     before = np.arange(recordings.value.shape[1]) < first[:, None]
     last = last_where((recordings.value <= (baseline + CONTACT.quiet * sd)[:, None]) & before)
     gap = first - last
@@ -271,7 +267,7 @@ def _last_quiet(recordings: Recordings, first: Index, baseline: Column, sd: Colu
     return np.maximum(last - np.where(gap > 1, np.ceil(1.5 * gap).astype(int), 0), -1)
 
 
-def _since_crossing(recordings: Recordings, level: Column, first: Index) -> Column:
+def _since_crossing(recordings: PaddedTraces, level: Column, first: Index) -> Column:
     """The part of the interval before sample ``first`` in which the straight line was above ``level``."""
     above, below = at(recordings.value, first), at(recordings.value, first - 1)
     rise = np.where(above > below, above - below, 1)

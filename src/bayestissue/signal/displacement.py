@@ -4,31 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from bayestissue.dataset.model import Dataset
 from bayestissue.errors import Coded
-from bayestissue.signal.beyond_limit import beyond_limit
 from bayestissue.signal.contact import Onset, displacement_contact, find_onset, motion_of
 from bayestissue.signal.filters import ahead_s
 from bayestissue.signal.integration import Rule, clear_velocity, cumulative, derivatives
-from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
-from bayestissue.signal.settings import CONTACT, WINDOW
-from bayestissue.signal.start import Start, find_start
+from bayestissue.signal.settings import CONTACT, WINDOW, SignalOptions, Window
+from bayestissue.signal.start import Start, beyond_limit, find_start
 from bayestissue.signal.traces import (
     Column,
+    ImpactTraces,
     Index,
     Mask,
-    Recordings,
     Rows,
     at,
+    first_where,
     from_sample,
+    last_where,
     noise_sd,
 )
-from bayestissue.signal.window import Stop, samples_in, slowest, still_pushed, zero_velocity
 
 FEWEST_SAMPLES = 8
 TOO_FEW = Coded(f"fewer than {FEWEST_SAMPLES} samples in the window", "too-few-samples")
@@ -127,6 +126,13 @@ class Displacements:
     phase: Phase = BETWEEN
 
     @property
+    def traces(self) -> ImpactTraces:
+        """The decelerations of the window."""
+        names = ("sample_number", "clipped", "mass", "velocity", "gravity")
+        columns: Any = {name: getattr(self, name) for name in names}
+        return ImpactTraces(self.deceleration, self.n_samples, self.first_sample_s, self.dt, **columns)
+
+    @property
     def n_below_limit(self) -> Index:
         """[impact], samples in the window that are not at the sensor's limit."""
         return self.n_samples - (self.clipped != 0).sum(axis=1)
@@ -160,10 +166,12 @@ def displacements(
     gravity = np.full(len(mass), dataset.gravity)
     blocks = _blocks(len(mass), max(len(trace.value) for trace in dataset.traces))
 
-    def met(rows: slice) -> _Met:
-        recorded = motion_of(dataset.traces[rows], dataset.quantity)
-        recorded = replace(recorded, ahead_s=float(ahead_s(dataset.recorder, recorded.dt).max()))
-        return _Met(recorded, mass[rows], velocity[rows], gravity[rows])
+    def met(rows: slice) -> ImpactTraces:
+        traces = motion_of(dataset.traces[rows], dataset.quantity)
+        ahead = float(ahead_s(dataset.recorder, traces.dt).max())
+        clipped = np.zeros_like(traces.value) if traces.clipped is None else traces.clipped
+        of_impacts = {"mass": mass[rows], "velocity": velocity[rows], "gravity": gravity[rows]}
+        return ImpactTraces(**vars(traces) | of_impacts | {"ahead_s": ahead, "clipped": clipped})
 
     if dataset.quantity == "displacement":
         return _joined([_recorded(met(rows), options) for rows in blocks])
@@ -181,38 +189,140 @@ def displacements(
     return replace(signal, phase=phase, notes=[row + of_phase for row in signal.notes])
 
 
-class _Met(NamedTuple):
-    """Recordings under one another, and of each the mass (kg), its velocity (m/s) and gravity (m/s²)."""
+@dataclass(frozen=True)
+class Stop:
+    """Zero velocity: the first sample at or past it, its time since the first sample (s), and x there (m).
 
-    recordings: Recordings
-    mass: Column
-    velocity: Column
-    gravity: Column
+    Where the velocity does not reach zero before the tissue stops pushing, the last sample until then stands
+    in; ``reached`` is false unless hardly any velocity is left there.
+    """
+
+    index: Index
+    time: Column
+    x: Column
+    reached: Mask
+
+
+def still_pushed(decelerations: ImpactTraces, noise_sd: Column) -> Mask:
+    """The samples up to the last one with a force clear of the noise; all of them where there is none."""
+    clear = (decelerations.value > CONTACT.certain * noise_sd[:, None]) & decelerations.inside
+    last = np.where(clear.any(axis=1), last_where(clear), clear.shape[1])
+    return np.arange(clear.shape[1]) <= last[:, None]
+
+
+def zero_velocity(slowing: ImpactTraces, v: Rows, x: Rows, pushed: Mask) -> Stop:
+    """Zero velocity by the cubic that has the velocities and decelerations of the samples on either side.
+
+    A mass that a strong damper stops comes back so slowly that errors of a thousandth of the velocity at
+    contact may leave it above zero for good. What comes after the force is no motion on the tissue.
+
+    Args:
+        slowing: decelerations that change the velocity, m/s².
+        v: [impact, sample], m/s.
+        x: [impact, sample], m.
+        pushed: [impact, sample], where the tissue still pushes or will again.
+    """
+    sample_number, dt = slowing.sample_numbers, slowing.dt
+    last = pushed.sum(axis=1) - 1
+    passed = (v <= 0) & pushed
+    index = first_where(passed, last)
+    left = (last < slowing.n - 1) & (at(v, last) < WINDOW.stopped * slowing.velocity)
+    reached = passed.any(axis=1)
+    before = np.maximum(index - 1, 0)
+    v0, v1 = at(v, before), at(v, index)
+    apart = at(sample_number, index) - at(sample_number, before)
+    step = apart * dt
+    m0, m1 = (-at(slowing.value, sample) * step for sample in (before, index))
+    # v(s) = v0 + m0 s + p s² + q s³ over the interval, s from 0 to 1.
+    p, q = 3 * (v1 - v0) - 2 * m0 - m1, m0 + m1 - 2 * (v1 - v0)
+    s = v0 / np.where(v0 > v1, v0 - v1, 1)
+    for _ in range(4):
+        slope = m0 + 2 * p * s + 3 * q * s**2
+        change = (v0 + m0 * s + p * s**2 + q * s**3) / np.where(slope < 0, slope, -1)
+        s = np.clip(s - np.where(slope < 0, change, 0), 0, 1)
+    s = np.where(reached & (index > 0), s, index - before)
+    travelled = (v0 * s + m0 * s**2 / 2 + p * s**3 / 3 + q * s**4 / 4) * step
+    x_stop = np.where(reached, at(x, before) + travelled, at(x, last))
+    return Stop(index, (at(sample_number, before) + s * apart) * dt, x_stop, reached | left)
+
+
+def slowest(displacements: ImpactTraces, v: Rows) -> Stop:
+    """Zero velocity, or, where it isn't reached, the first place where the motion is slowest.
+
+    Args:
+        displacements: from the first sample in contact on, m.
+        v: [impact, sample], m/s.
+    """
+    x, inside, last = displacements.value, displacements.inside, displacements.n - 1
+    slow = v < WINDOW.slow * displacements.velocity[:, None]
+    passed = (v <= 0) & inside
+    reached = passed.any(axis=1)
+    slower = np.pad(v[:, 1:] >= v[:, :-1], ((0, 0), (0, 1))) & slow & inside
+    index = np.where(reached, first_where(passed, last), first_where(slower, last))
+    before = np.maximum(index - 1, 0)
+    v0, v1 = at(v, before), at(v, index)
+    s = np.where(reached & (v0 > v1), v0 / np.where(v0 > v1, v0 - v1, 1), index - before)
+    s = np.clip(s, 0, 1)
+    x_stop = at(x, before) + s * (at(x, index) - at(x, before))
+    return Stop(index, (before + s) * displacements.dt, x_stop, reached)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Decelerations of impacts from their first sample in contact on, and the motion that they give.
+
+    Attributes:
+        traces: the decelerations, m/s².
+        x, v: displacement and velocity, m and m/s.
+        start: contact.
+        stop: zero velocity.
+        noise_sd: of the recordings.
+    """
+
+    traces: ImpactTraces
+    x: Rows
+    v: Rows
+    start: Start
+    stop: Stop
+    noise_sd: Column
+
+    def samples_in(self, window: Window) -> Index:
+        """How many samples from the first one on lie in the window.
+
+        rebound ends where, after zero velocity, d falls below 2 % of its peak or three noise standard
+        deviations (the tissue no longer pushes) or x is back at 0.
+        """
+        d, inside = self.traces.value, self.traces.inside
+        if window == "rebound":
+            floor = np.maximum(0.02 * np.where(inside, d, 0).max(axis=1), 3 * self.noise_sd)
+            over = (d <= floor[:, None]) | (self.x <= 0)
+            late = np.arange(d.shape[1]) >= self.stop.index[:, None]
+            return first_where(over & inside & late, self.traces.n)
+        fraction, since_contact = 1.0 if window == "peak" else float(window), self.start.since_contact
+        until = fraction * (since_contact + self.stop.time) - since_contact
+        return np.sum(inside & (self.traces.time_s <= (until + 1e-9 * self.traces.dt)[:, None]), axis=1)
 
 
 def _integrated(
-    met: _Met, options: SignalOptions, rule: Rule, phase: Phase = BETWEEN
+    recordings: ImpactTraces, options: SignalOptions, rule: Rule, phase: Phase = BETWEEN
 ) -> tuple[Displacements, ContactEvidence]:
-    recordings, mass, velocity, gravity = met
     onset = find_onset(recordings, options)
-    part = from_sample(recordings, onset.first)
-    part = replace(part, value=part.value - onset.offset[:, None])
-    recorded, clipped, bracket = part.value, np.zeros_like(part.value), (onset.least, onset.most)
-    if recordings.clipped is not None:
-        clipped = from_sample(replace(recordings, value=recordings.clipped), onset.first).value
-        part = replace(part, value=beyond_limit(part, clipped, velocity, gravity, bracket))
+    recorded = from_sample(recordings, onset.first)
+    recorded = replace(recorded, value=recorded.value - onset.offset[:, None])
+    bracket = onset.least, onset.most
+    part = replace(recorded, value=beyond_limit(recorded, bracket))
     d, inside, dt = part.value, part.inside, part.dt
-    slowing = replace(part, value=d - gravity[:, None])
+    slowing = replace(part, value=d - part.gravity[:, None])
     first = cumulative(slowing, rule)
     second = cumulative(replace(part, value=first), rule)
     bracketed = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
     known = np.where(bracketed, phase.place * dt, np.nan)
-    start = find_start(part, (first, second), velocity, gravity, bracket, known)
+    start = find_start(part, (first, second), bracket, known)
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * part.time_s - second
     # The last sample clear of great noise is one that the noise has lifted.
     pushed = inside & (still_pushed(part, onset.noise_sd) | onset.blurred[:, None])
-    stop = zero_velocity(slowing, v, x, pushed, velocity)
+    stop = zero_velocity(slowing, v, x, pushed)
     contact_words = "contact as chosen is more than 1 ms from where the trace shows it"
     flags = {
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
@@ -220,14 +330,17 @@ def _integrated(
         NO_CONTACT: ~onset.quiet & (onset.first >= CONTACT.quiet_samples),
     }
     signal = _windowed(
-        part, (x, v, d if recordings.clipped is None else recorded), clipped, stop, start, options, flags,
+        Motion(recorded, x, v, start, stop, onset.noise_sd),
+        options,
+        flags,
         {NO_OFFSET: ~onset.quiet, UNEVEN: part.uneven},
-        mass=mass, velocity=velocity, gravity=gravity, offset=onset.offset,
-        offset_sd=np.where(onset.quiet, onset.offset_sd, np.nan), noise_sd=onset.noise_sd,
-        interval_s=np.where(bracketed, dt, 0.0), **_before(recordings, onset),
-    )  # fmt: skip
+        offset=onset.offset,
+        offset_sd=np.where(onset.quiet, onset.offset_sd, np.nan),
+        interval_s=np.where(bracketed, dt, 0.0),
+        **_before(recordings, onset),
+    )
     # Beyond the sensor's limit a trace is what a spring and damper makes of it: it tells nothing of contact.
-    bracketed &= (clipped == 0).all(axis=1)
+    bracketed &= (part.clipped == 0).all(axis=1)
     # Nor does one that begins with its greatest force, of heavily damped tissue: what falls from there on
     # falls the same way whenever it began, and least squares have too small an error.
     bracketed &= d[:, 0] < CONTACT.most_jump * np.where(inside, d, 0.0).max(axis=1)
@@ -235,7 +348,7 @@ def _integrated(
     return signal, ContactEvidence(start.free, start.free_sd, start.by_velocity, dt, bracketed, at_zero)
 
 
-def _before(recordings: Recordings, onset: Onset) -> dict[str, Any]:
+def _before(recordings: ImpactTraces, onset: Onset) -> dict[str, Any]:
     """What was recorded before the first sample in contact: see `Displacements`."""
     index = onset.first[:, None] - BEFORE + np.arange(BEFORE)
     value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - onset.offset[:, None]
@@ -250,9 +363,8 @@ def _before(recordings: Recordings, onset: Onset) -> dict[str, Any]:
     }
 
 
-def _recorded(met: _Met, options: SignalOptions) -> Displacements:
+def _recorded(recordings: ImpactTraces, options: SignalOptions) -> Displacements:
     """Of recorded displacements."""
-    recordings, mass, velocity, gravity = met
     noise = noise_sd(recordings)
     first, since_contact = displacement_contact(recordings, options)
     share = since_contact / recordings.dt
@@ -264,70 +376,66 @@ def _recorded(met: _Met, options: SignalOptions) -> Displacements:
     v, d, clear = (
         from_sample(replace(recordings, value=rows), first).value for rows in (velocities, curvatures, clear)
     )
-    velocity = np.where(np.isfinite(velocity), velocity, v[:, 0])
+    velocity = np.where(np.isfinite(part.velocity), part.velocity, v[:, 0])
     x = part.value - at_contact[:, None]
-    stop = slowest(replace(part, value=x), clear, velocity)
+    stop = slowest(replace(part, value=x, velocity=velocity), clear)
     slowest_words = "velocity does not reach zero: the window ends where it is least"
     greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
     below = (greatest <= 0) & (options.contact != "time-zero")
     flags = {BELOW_ZERO: below, Coded(slowest_words, "no-zero-velocity"): ~stop.reached & ~below}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
-    nothing, known = np.zeros_like(sd), np.zeros(len(sd), bool)
-    free = (since_contact, sd, nothing)
-    start = Start(since_contact, sd, since_contact, sd, known, *free, x[:, 0], v[:, 0])
-    return _windowed(
-        part, (x, v, d), np.zeros_like(x), stop, start, options, flags, {},
-        mass=mass, velocity=velocity, gravity=gravity, offset=at_contact, offset_sd=nothing * np.nan,
-        noise_sd=noise, interval_s=nothing, before=np.zeros((len(sd), BEFORE)),
-        before_s=np.zeros((len(sd), BEFORE)), n_before=nothing.astype(int),
-        n_since_quiet=nothing.astype(int), reach_s=nothing, blurred=nothing.astype(bool),
-    )  # fmt: skip
+    zero, none, rows = np.zeros_like(sd), np.zeros(len(sd), int), np.zeros((len(sd), BEFORE))
+    free = (since_contact, sd, zero)
+    start = Start(since_contact, sd, since_contact, sd, none > 0, *free, x[:, 0], v[:, 0])
+    slowing = replace(part, value=d, velocity=velocity, clipped=np.zeros_like(x))
+    nothing = {"interval_s": zero, "reach_s": zero, "n_before": none, "n_since_quiet": none}
+    nothing |= {"before": rows, "before_s": rows, "blurred": none > 0, "offset_sd": zero * np.nan}
+    motion = Motion(slowing, x, v, start, stop, noise)
+    return _windowed(motion, options, flags, {}, offset=at_contact, **nothing)
 
 
 def _windowed(
-    part: Recordings,
-    motion: tuple[Rows, Rows, Rows],
-    clipped: Rows,
-    stop: Stop,
-    start: Start,
+    motion: Motion,
     options: SignalOptions,
     flags: dict[Coded, Mask],
     notes: dict[Coded, Mask],
     **columns: Any,
 ) -> Displacements:
-    """The motion (x, v and deceleration) over the window; ``columns`` are attributes as they are."""
-    x, _, deceleration = motion
-    since_contact, noise = start.since_contact, columns["noise_sd"]
-    moved = since_contact, replace(part, value=deceleration), x, noise
-    n = samples_in(options.window, stop, *moved)
-    at_limit = clipped != 0
+    """A motion over the window; ``columns`` are attributes as they are."""
+    part, start, stop, n = motion.traces, motion.start, motion.stop, motion.samples_in(options.window)
+    at_limit = part.clipped != 0
     below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)
     longer = at_limit.any(axis=1) & (n - below < WINDOW.few_below)
     slowly = ~longer & (n - below < FEWEST_SAMPLES) & (options.window == "peak") & stop.reached
     if (longer | slowly).any():
         # What the sensor did not see on the way in stands on the way back.
-        n = np.where(longer | slowly, np.maximum(n, samples_in("rebound", stop, *moved)), n)
+        n = np.where(longer | slowly, np.maximum(n, motion.samples_in("rebound")), n)
     used = np.arange(int(n.max())) < n[:, None]
     few = n - (used & at_limit[:, : used.shape[1]]).sum(axis=1) < FEWEST_SAMPLES
     drifts = few & flags.get(NO_CONTACT, False)
-    x, v, deceleration, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in (*motion, clipped))
+    of_samples = (motion.x, motion.v, part.value, part.clipped)
+    x, v, d, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in of_samples)
     return Displacements(
         x=x,
         v=v,
-        deceleration=deceleration,
+        deceleration=d,
+        clipped=clipped,
         n_samples=n,
         dt=part.dt,
         sample_number=part.sample_numbers[:, : used.shape[1]],
         uneven=part.uneven,
-        clipped=clipped,
-        contact_time_s=part.start - since_contact,
+        mass=part.mass,
+        velocity=part.velocity,
+        gravity=part.gravity,
+        contact_time_s=part.start - start.since_contact,
         contact_time_sd=start.since_contact_sd,
-        first_sample_s=since_contact,
+        first_sample_s=start.since_contact,
         bracket_s=start.bracket,
         bracket_sd=start.bracket_sd,
         bracket_uniform=start.bracket_uniform,
-        time_to_peak=since_contact + stop.time,
+        time_to_peak=start.since_contact + stop.time,
         peak_displacement=stop.x,
+        noise_sd=motion.noise_sd,
         flags=_raised({**flags, NO_CONTACT: drifts, TOO_FEW: few & ~drifts}, len(n)),
         notes=_raised({**notes, LONGER: longer, SLOWLY: slowly & ~few}, len(n)),
         **columns,

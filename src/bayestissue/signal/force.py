@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -29,7 +30,9 @@ from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Channel, Dataset
 from bayestissue.signal.displacement import FEWEST_SAMPLES, Displacements
 from bayestissue.signal.filters import on_even_grid
-from bayestissue.signal.traces import Recordings, segment_moments, stack
+from bayestissue.signal.traces import PaddedTraces, segment_moments, stack
+
+type Times = Float[np.ndarray, "impact sample"]
 
 # The slope is taken over so much of the time to zero velocity on either side: a curve's error is then 0.4 %.
 _REACH = 0.1
@@ -210,9 +213,7 @@ def _impulses(dataset: Dataset, channel: Channel, signal: Displacements) -> Forc
     to_peak, at_contact = signal.time_to_peak[:, None], impulse(np.zeros_like(V))
     lost = mass * (V + signal.gravity[:, None] * to_peak)
     last = np.where(force.inside, times, -np.inf).max(axis=1, keepdims=True)
-    whole = (inside.sum(axis=1) >= FEWEST_SAMPLES) & (last >= to_peak)[:, 0]
-    if force.clipped is not None:
-        whole &= ~(force.clipped != 0).any(axis=1)
+    whole = (inside.sum(axis=1) >= FEWEST_SAMPLES) & (last >= to_peak)[:, 0] & ~force.at_limit.any(axis=1)
     ratio = np.where(whole, ((impulse(to_peak) - at_contact) / lost)[:, 0], np.nan)
     chain, no_lag = dataset.uncertainty, np.full(len(ratio), np.nan)
     declared = float(np.hypot(chain.relative_mass_sd, channel.relative_gain_sd))
@@ -235,42 +236,29 @@ def _impulses(dataset: Dataset, channel: Channel, signal: Displacements) -> Forc
 
 def _forces(dataset: Dataset, channel: Channel, signal: Displacements) -> Force:
     """The force against mass times deceleration."""
-    force, slowing = _as_comparable(dataset, channel, signal)
-    curve = _Expected(slowing, signal, channel.tip_mass_kg)
-    since_contact = (force.start - signal.contact_time_s)[:, None] + force.time_s
-    usable = force.inside if force.clipped is None else force.inside & (force.clipped == 0)
-    # At the sensor's limit d is not what it was.
-    unclipped = (signal.clipped == 0).all(axis=1)
-    found = _Matched.of(curve, force.value, since_contact, usable, signal.noise_sd, unclipped)
-    if (lost := found.whole & (np.abs(found.lag) > 0.99 * curve.reach[:, 0])).any():
-        apart = np.where(lost, _most_alike(curve, force.value, since_contact, usable), 0.0)
-        moved = since_contact - apart[:, None]
-        found = _Matched.of(curve, force.value, moved, usable, signal.noise_sd, unclipped)
-        found = replace(found, lag=found.lag + apart)
-
+    beside = _Beside(*_as_comparable(dataset, channel, signal), signal, channel.tip_mass_kg)
+    curve, since_contact, inside = beside.curve, beside.since_contact, beside.inside
+    matched = beside.matched(since_contact)
+    if (lost := matched.whole & (np.abs(matched.lag) > 0.99 * curve.reach[:, 0])).any():
+        apart = np.where(lost, beside.most_alike(), 0.0)
+        matched = beside.matched(since_contact - apart[:, None])
+        matched = replace(matched, lag=matched.lag + apart)
     chain = dataset.uncertainty
-    declared = [chain.relative_mass_sd, chain.relative_gain_sd, channel.relative_gain_sd]
-    inside = usable & curve.covers(since_contact)
-    made = Force(
+    force = Force(
         channel=channel,
         since_contact=since_contact,
-        value=force.value - np.where(found.whole, found.zero, 0.0)[:, None],
+        value=beside.force.value - np.where(matched.whole, matched.zero, 0.0)[:, None],
         expected=np.where(inside, curve.at(since_contact), 0.0),
         inside=inside,
-        ratio=found.ratio,
-        ratio_sd=found.ratio_sd,
-        lag=np.where(found.whole, found.lag, np.nan),
-        lag_sd=found.lag_sd,
-        dt=force.dt,
-        declared_sd=math.hypot(*declared),
+        ratio=matched.ratio,
+        ratio_sd=matched.ratio_sd,
+        lag=np.where(matched.whole, matched.lag, np.nan),
+        lag_sd=matched.lag_sd,
+        dt=beside.force.dt,
+        declared_sd=math.hypot(chain.relative_mass_sd, chain.relative_gain_sd, channel.relative_gain_sd),
         mass=curve.mass[:, 0],
     )
-    if not made.lags:
-        return made
-    return replace(
-        made,
-        corner_hz=_mistaken(curve, force, slowing, signal, channel.tip_mass_kg, since_contact, inside, found),
-    )
+    return replace(force, corner_hz=beside.mistaken(matched)) if force.lags else force
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,22 +279,45 @@ class _Matched:
     left: Float[np.ndarray, " impact"]
     whole: Bool[np.ndarray, " impact"]
 
-    @classmethod
-    def of(
-        cls,
-        curve: _Expected,
-        value: Float[np.ndarray, "impact sample"],
-        since_contact: Float[np.ndarray, "impact sample"],
-        usable: Bool[np.ndarray, "impact sample"],
-        noise_sd: Float[np.ndarray, " impact"],
-        unclipped: Bool[np.ndarray, " impact"],
-    ) -> _Matched:
-        """Of samples at these times, by Newton's iteration from no lag."""
-        inside = usable & curve.covers(since_contact)
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """A force and the decelerations beside it, without their zero, whose windows are those of the signal."""
+
+    force: PaddedTraces
+    slowing: PaddedTraces
+    signal: Displacements
+    tip_mass_kg: float
+
+    @cached_property
+    def curve(self) -> _Expected:
+        """The force that is expected."""
+        return _Expected(self.slowing, self.signal, self.tip_mass_kg)
+
+    @cached_property
+    def since_contact(self) -> Times:
+        """When each sample of the force was [s]."""
+        return (self.force.start - self.signal.contact_time_s)[:, None] + self.force.time_s
+
+    @cached_property
+    def usable(self) -> Bool[np.ndarray, "impact sample"]:
+        """Which samples of the force tell it."""
+        return self.force.inside & ~self.force.at_limit
+
+    @property
+    def inside(self) -> Bool[np.ndarray, "impact sample"]:
+        """Which samples of the force are compared."""
+        return self.usable & self.curve.covers(self.since_contact)
+
+    def matched(self, since_contact: Times) -> _Matched:
+        """What least squares make of samples at these times, by Newton's iteration from no lag."""
+        curve = self.curve
+        inside = self.usable & curve.covers(since_contact)
         count = inside.sum(axis=1)
-        whole = unclipped & (count >= FEWEST_SAMPLES)
-        noise = count * (curve.mass[:, 0] * noise_sd) ** 2
-        values = np.where(inside, value, 0.0)
+        # At the sensor's limit d is not what it was.
+        whole = (self.signal.clipped == 0).all(axis=1) & (count >= FEWEST_SAMPLES)
+        noise = count * (curve.mass[:, 0] * self.signal.noise_sd) ** 2
+        values = np.where(inside, self.force.value, 0.0)
         # r (F(t - l) - e F'(t - l)) + b is linear in r, r e and b; e is what l lacks.
         lag = np.zeros(len(values))
         for _ in range(_ROUNDS):
@@ -317,77 +328,61 @@ class _Matched:
             ratio, moved, zero = coefficients
             ratio_sd, moved_sd, _ = errors
             lag = np.clip(lag + np.nan_to_num(moved / ratio), -curve.reach[:, 0], curve.reach[:, 0])
-        return cls(ratio, ratio_sd, lag, moved_sd / np.abs(ratio), zero, left, whole)
+        return _Matched(ratio, ratio_sd, lag, moved_sd / np.abs(ratio), zero, left, whole)
 
-
-def _most_alike(
-    curve: _Expected,
-    value: Float[np.ndarray, "impact sample"],
-    since_contact: Float[np.ndarray, "impact sample"],
-    usable: Bool[np.ndarray, "impact sample"],
-) -> Float[np.ndarray, " impact"]:
-    """By what each force is late as its correlation with the expected one has it [s]."""
-    shifts = curve.reach / _REACH * np.arange(-_FARTHEST, _FARTHEST + _STEP, _STEP)
-    counts, alike = [], []
-    for shift in shifts.T:
-        at = since_contact - shift[:, None]
-        inside = usable & curve.covers(at)
-        counts.append(inside.sum(axis=1))
-        one, other = (
-            np.where(
-                inside, part - (part * inside).sum(axis=1, keepdims=True) / counts[-1].clip(1)[:, None], 0
+    def most_alike(self) -> Float[np.ndarray, " impact"]:
+        """By what the force is behind where its correlation with the expected one has it [s]."""
+        shifts = self.curve.reach / _REACH * np.arange(-_FARTHEST, _FARTHEST + _STEP, _STEP)
+        counts, alike = [], []
+        for shift in shifts.T:
+            at = self.since_contact - shift[:, None]
+            inside = self.usable & self.curve.covers(at)
+            counts.append(inside.sum(axis=1))
+            one, other = (
+                np.where(
+                    inside, part - (part * inside).sum(axis=1, keepdims=True) / counts[-1].clip(1)[:, None], 0
+                )
+                for part in (np.where(inside, self.force.value, 0.0), self.curve.at(at))
             )
-            for part in (np.where(inside, value, 0.0), curve.at(at))
-        )
-        sizes = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
-        alike.append((one * other).sum(axis=1) / np.maximum(sizes, np.finfo(float).tiny))
-    enough = np.array(counts) > 0.5 * np.max(counts, axis=0)
-    best = np.where(enough, alike, -1.0).argmax(axis=0)
-    return shifts[np.arange(len(best)), best]
+            sizes = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
+            alike.append((one * other).sum(axis=1) / np.maximum(sizes, np.finfo(float).tiny))
+        enough = np.array(counts) > 0.5 * np.max(counts, axis=0)
+        best = np.where(enough, alike, -1.0).argmax(axis=0)
+        return shifts[np.arange(len(best)), best]
 
+    def mistaken(self, matched: _Matched) -> float:
+        """The corner of a low-pass that leaves much less of the force than a lag, Hz; infinite of a drift.
 
-def _mistaken(
-    curve: _Expected,
-    force: Recordings,
-    slowing: Recordings,
-    signal: Displacements,
-    tip_mass_kg: float,
-    since_contact: Float[np.ndarray, "impact sample"],
-    inside: Bool[np.ndarray, "impact sample"],
-    found: _Matched,
-) -> float:
-    """The corner of a low-pass that leaves much less of the force than a lag does, Hz; infinite of a drift.
+        What runs away goes on with time, or with the impulse so far, as behind a charge amplifier.
+        """
+        since_contact, inside, force, slowing = self.since_contact, self.inside, self.force, self.slowing
+        values, ones = np.where(inside, force.value, 0.0), np.ones_like(since_contact)
+        expected, count = self.curve.at(since_contact), inside.sum(axis=1)
 
-    What runs away goes on with time, or with the impulse so far, as behind a charge amplifier.
-    """
-    values, ones = np.where(inside, force.value, 0.0), np.ones_like(since_contact)
-    of_expected, count = curve.at(since_contact), inside.sum(axis=1)
+        def left(values: np.ndarray, *columns: np.ndarray) -> float:
+            stacked = np.where(inside[..., None], np.stack([*columns, ones], axis=-1), 0.0)
+            squares = _least_squares(stacked, values, count, np.zeros(len(values)), matched.whole)[2]
+            return float(np.nanmedian(np.where(matched.whole, squares / matched.left, np.nan)))
 
-    def left(values: np.ndarray, *columns: np.ndarray) -> float:
-        stacked = np.where(inside[..., None], np.stack([*columns, ones], axis=-1), 0.0)
-        squares = _least_squares(stacked, values, count, np.zeros(len(values)), found.whole)[2]
-        return float(np.nanmedian(np.where(found.whole, squares / found.left, np.nan)))
-
-    impulse = np.cumsum(np.where(inside, of_expected, 0.0), axis=1)
-    least = {math.inf: left(values, of_expected, since_contact, impulse)}
-    late = np.nanmedian(np.where(found.whole, found.lag, np.nan)) > 0
-    dt = force.dt if not late else slowing.dt
-    zero = _first_mean(force, signal.contact_time_s)
-    for corner in _CORNERS_HZ[0.2 / np.max(dt) > _CORNERS_HZ]:
-        low_pass = Recorder(float(corner))
-        if late:
-            passed = _Expected(_passed(slowing, low_pass, 0.0), signal, tip_mass_kg)
-            least[corner] = left(values, passed.at(since_contact))
-        else:
-            filtered = np.where(inside, _passed(force, low_pass, zero).value, 0.0)
-            least[corner] = left(filtered, of_expected)
-    best = min(least, key=lambda corner: least[corner])
-    return best if least[best] < _LEFT else 0.0
+        impulse = np.cumsum(np.where(inside, expected, 0.0), axis=1)
+        least = {math.inf: left(values, expected, since_contact, impulse)}
+        late = np.nanmedian(np.where(matched.whole, matched.lag, np.nan)) > 0
+        dt, zero = slowing.dt if late else force.dt, _first_mean(force, self.signal.contact_time_s)
+        for corner in _CORNERS_HZ[0.2 / np.max(dt) > _CORNERS_HZ]:
+            low_pass = Recorder(float(corner))
+            if late:
+                passed = _Expected(_passed(slowing, low_pass, 0.0), self.signal, self.tip_mass_kg)
+                least[corner] = left(values, passed.at(since_contact))
+            else:
+                filtered = np.where(inside, _passed(force, low_pass, zero).value, 0.0)
+                least[corner] = left(filtered, expected)
+        best = min(least, key=lambda corner: least[corner])
+        return best if least[best] < _LEFT else 0.0
 
 
 def _as_comparable(
     dataset: Dataset, channel: Channel, signal: Displacements
-) -> tuple[Recordings, Recordings]:
+) -> tuple[PaddedTraces, PaddedTraces]:
     """The force, and the deceleration without its zero; each through both low-passes if these differ."""
     force, slowing = stack(channel.traces), stack(dataset.traces.slowing(dataset.quantity))
     slowing = replace(slowing, value=np.where(slowing.inside, slowing.value - signal.offset[:, None], 0.0))
@@ -405,7 +400,7 @@ class _Expected:
         reach: on either side of a time, over how much the slope is taken [s].
     """
 
-    def __init__(self, slowing: Recordings, signal: Displacements, tip_mass_kg: float):
+    def __init__(self, slowing: PaddedTraces, signal: Displacements, tip_mass_kg: float):
         self.mass = (signal.mass - tip_mass_kg)[:, None]
         self.reach = _REACH * signal.time_to_peak[:, None]
         times = (slowing.start - signal.contact_time_s)[:, None] + slowing.time_s
@@ -428,8 +423,8 @@ class _Expected:
 
 
 def _passed(
-    recorded: Recordings, recorder: Recorder | None, zero: Float[np.ndarray, "impact 1"] | float
-) -> Recordings:
+    recorded: PaddedTraces, recorder: Recorder | None, zero: Float[np.ndarray, "impact 1"] | float
+) -> PaddedTraces:
     """What a low-pass makes of recordings whose zero is known; as they are where it passes all of them."""
     if recorder is None or recorded.uneven.any():
         return recorded
@@ -442,7 +437,7 @@ def _passed(
 
 
 def _first_mean(
-    recorded: Recordings, contact_time_s: Float[np.ndarray, " impact"]
+    recorded: PaddedTraces, contact_time_s: Float[np.ndarray, " impact"]
 ) -> Float[np.ndarray, "impact 1"]:
     """The mean before contact; the first sample where there is none."""
     quiet = np.maximum(np.floor((contact_time_s - recorded.start) / recorded.dt).astype(int), 1)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayestissue.signal.settings import WINDOW
-from bayestissue.signal.traces import Column, Recordings, Rows
+from bayestissue.signal.traces import Column, PaddedTraces, Rows
 
 type Rule = Literal["trapezoidal", "quintic"]
 
@@ -22,7 +22,7 @@ _BEYOND = {
 }
 
 
-def cumulative(recordings: Recordings, rule: Rule) -> Rows:
+def cumulative(recordings: PaddedTraces, rule: Rule) -> Rows:
     """∫ value dt from the first sample of each row to each of its samples; the first is 0.
 
     trapezoidal: (Δ/2)(y_j + y_{j+1}); its relative error for e^{μt} is (μΔ)²/12.
@@ -45,7 +45,7 @@ def cumulative(recordings: Recordings, rule: Rule) -> Rows:
     return np.concatenate([np.zeros((len(y), 1)), np.cumsum(steps * dt, axis=1)], axis=1)
 
 
-def _of_uneven(recordings: Recordings, rule: Rule) -> Rows:
+def _of_uneven(recordings: PaddedTraces, rule: Rule) -> Rows:
     y, time = recordings.value, recordings.sample_numbers * recordings.dt[:, None]
     if rule == "trapezoidal" or y.shape[1] < 6:
         return trapezoids(y, np.diff(time, axis=1))
@@ -67,7 +67,7 @@ def trapezoids(
     return np.concatenate([np.zeros_like(y[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)
 
 
-def _extended(recordings: Recordings) -> Rows:
+def _extended(recordings: PaddedTraces) -> Rows:
     y, n = recordings.value, recordings.n
     rows = np.arange(len(y))
     padded = np.pad(y, ((0, 0), (2, 2)))
@@ -80,7 +80,7 @@ def _extended(recordings: Recordings) -> Rows:
     return padded
 
 
-def clear_velocity(recordings: Recordings, velocity: Rows, noise_sd: Column) -> Rows:
+def clear_velocity(recordings: PaddedTraces, velocity: Rows, noise_sd: Column) -> Rows:
     """Velocity (m/s) of displacements in which the noise is but a few per cent of the greatest.
 
     Slope of parabolas fitted over 5 ms, or over twice or four times as long where noise asks for it. Where a
@@ -105,13 +105,13 @@ def clear_velocity(recordings: Recordings, velocity: Rows, noise_sd: Column) -> 
     return velocity
 
 
-def _parabola(recordings: Recordings, over_s: float) -> int:
+def _parabola(recordings: PaddedTraces, over_s: float) -> int:
     """How many samples a parabola is fitted to: an odd number, and no more than there are."""
     width = max(5, 2 * round(over_s / np.median(recordings.dt) / 2) + 1)
     return int(min(width, recordings.value.shape[1] - 1 + recordings.value.shape[1] % 2))
 
 
-def derivatives(recordings: Recordings, over_s: float = WINDOW.smoothing_s) -> tuple[Rows, Rows]:
+def derivatives(recordings: PaddedTraces, over_s: float = WINDOW.smoothing_s) -> tuple[Rows, Rows]:
     """Velocity (m/s) and deceleration (m/s²) of displacements.
 
     Slope and minus curvature of parabolas fitted over 5 ms (at least five samples) around each sample.

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.signal.traces import Column, Index, Mask, Recordings, Rows, at, first_where
+from bayestissue.signal.settings import BEYOND_LIMIT
+from bayestissue.signal.traces import Column, ImpactTraces, Index, Mask, Rows, at, first_where
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,7 @@ class Start:
 
 
 def find_start(
-    decelerations: Recordings,
-    lost: tuple[Rows, Rows],
-    velocity: Column,
-    gravity: Column,
-    bracket: tuple[Column, Column],
-    known: Column,
+    decelerations: ImpactTraces, lost: tuple[Rows, Rows], bracket: tuple[Column, Column], known: Column
 ) -> Start:
     """The state at the first sample, contact lying between two moments before it.
 
@@ -65,18 +61,17 @@ def find_start(
     Args:
         decelerations: m/s², from the first sample in contact on, offset removed.
         lost: [impact, sample], the integral of d − g from that sample, m/s, and the integral of that, m.
-        velocity: [impact], at contact, m/s.
-        gravity: [impact], g, along the motion, m/s².
         bracket: [impact], from contact to that sample, s, at the least and at the most; equal where known.
         known: [impact], from contact to that sample, s, where it is known; else nan.
     """
     d, inside, dt, (least, most) = decelerations.value, decelerations.inside, decelerations.dt, bracket
+    velocity, gravity = decelerations.velocity, decelerations.gravity
     # Some velocity is gone by the first sample; past zero velocity the impactor may have left the tissue.
     fall = np.maximum(d[:, 0] - d[:, min(1, d.shape[1] - 1)], 0)
     slowed = velocity - (d[:, 0] - gravity + fall * most / (2 * dt)) * most
     slowed = np.clip(slowed - 0.03 * velocity, 0.5 * velocity, velocity)
     stopped = first_where((lost[0] >= slowed[:, None]) & inside, decelerations.n - 1)
-    problem = LeastSquares.until(stopped, decelerations, lost, velocity, gravity)
+    problem = LeastSquares.until(stopped, decelerations, lost)
     duration = problem.duration
     low, high, given = least / duration, most / duration, np.isfinite(known)
     with np.errstate(all="ignore"):
@@ -125,11 +120,10 @@ class LeastSquares:
     duration: Column
 
     @classmethod
-    def until(
-        cls, last: Index, recorded: Recordings, lost: tuple[Rows, Rows], velocity: Column, gravity: Column
-    ) -> LeastSquares:
+    def until(cls, last: Index, recorded: ImpactTraces, lost: tuple[Rows, Rows]) -> LeastSquares:
         """The products over the samples until ``last`` of each impact; the others as of `find_start`."""
         d, dt, number = recorded.value, recorded.dt, recorded.sample_numbers
+        velocity, gravity = recorded.velocity, recorded.gravity
         used = recorded.inside & (np.arange(d.shape[1]) <= last[:, None])
         duration = np.where(last > 0, at(number, last), 1.0) * dt
         units = velocity[:, None], (velocity * duration)[:, None]
@@ -303,3 +297,62 @@ def _mean_within(
     middle = np.where(narrow, np.clip(mean, low, high), middle)
     variance = np.where(narrow, np.minimum(sd, width) ** 2, variance)
     return middle, np.sqrt(variance)
+
+
+def beyond_limit(decelerations: ImpactTraces, bracket: tuple[Column, Column]) -> Rows:
+    """The deceleration with a fitted one in place of samples at the limit, if it lies beyond.
+
+    Enough to tell until when the impactor moves into the tissue. A spring and damper, d = a v + b x with
+    a = C/M and b = K/M, is fitted to the samples that are not clipped by least squares, contact lying between
+    the moments that the recording leaves open; where it is within the limit though the sample is clipped,
+    that counts as an error too. No likelihood is asked of what it says beyond the limit.
+
+    Args:
+        decelerations: from the first sample in contact on, offset removed, m/s².
+        bracket: [impact], from contact to the first sample, s, at the least and at the most.
+    """
+    whole, clipped = decelerations.value.copy(), decelerations.clipped
+    for row in np.flatnonzero(clipped.any(axis=1)):
+        here = slice(0, decelerations.n[row])
+        d, sign = whole[row, here], clipped[row, here]
+        fitted = _fitted(decelerations, int(row), (float(bracket[0][row]), float(bracket[1][row])))
+        if fitted is not None:
+            whole[row, here] = np.where(sign * fitted > sign * d, fitted, d)
+    return whole
+
+
+def _fitted(
+    decelerations: ImpactTraces, row: int, bounds: tuple[float, float]
+) -> Float[np.ndarray, " sample"] | None:
+    # A third of a second to import, which other recordings need not wait for.
+    from scipy.optimize import least_squares
+
+    here = row, slice(0, decelerations.n[row])
+    d, sign, time = decelerations.value[here], decelerations.clipped[here], decelerations.time_s[here]
+    velocity, gravity = decelerations.velocity[row], decelerations.gravity[row]
+    limit, last = float(np.abs(d[sign != 0]).max()), int(np.flatnonzero(sign)[-1])
+    gone = np.flatnonzero((d < BEYOND_LIMIT.pushes * limit) & (np.arange(d.size) > last))
+    end = int(gone[0]) if gone.size else d.size
+    lasts = time[end - 1] + bounds[1]
+    if end < BEYOND_LIMIT.fewest or not lasts > 0:
+        return None
+    # After the plateau as long as it took, and no longer: what comes back is another law.
+    stop = min(end, last + 1 + max(BEYOND_LIMIT.fewest, int(np.count_nonzero(sign)) // 2))
+    part, near = slice(0, stop), sign[:stop]
+
+    def residuals(logs: np.ndarray) -> np.ndarray:
+        difference = (deceleration(logs, time[part], velocity, gravity) - d[part]) / limit
+        return np.where(near == 0, difference, np.minimum(near * difference, 0.0))
+
+    best = None
+    for share in BEYOND_LIMIT.starts:
+        omega = np.pi * share / lasts
+        start = np.array([np.log(0.4 * omega), 2 * np.log(omega), (bounds[0] + bounds[1]) / 2])
+        wide = 1e-9 * lasts
+        low = np.array([np.log(1e-3 * omega), 2 * np.log(0.1 * omega), bounds[0] - wide])
+        high = np.array([np.log(1e2 * omega), 2 * np.log(1e2 * omega), bounds[1] + wide])
+        fit = least_squares(residuals, start, bounds=(low, high), x_scale=[1.0, 1.0, lasts])
+        best = fit if best is None or fit.cost < best.cost else best
+        if best.cost < BEYOND_LIMIT.well * stop:
+            break
+    return None if best is None else deceleration(best.x, time, velocity, gravity)

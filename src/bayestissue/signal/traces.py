@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,7 +17,7 @@ type Index = Int[np.ndarray, " impact"]
 
 
 @dataclass(frozen=True)
-class Recordings:
+class PaddedTraces:
     """Rows padded with zeros: ``value`` [impact, sample], and per impact length, start and interval (s).
 
     For ``ahead_s`` before contact a recorder's filter that is run backwards too has an answer. Where times
@@ -71,12 +71,30 @@ class Recordings:
         return (self.sample_number != np.arange(self.sample_number.shape[1])).any(axis=1)
 
     @property
+    def at_limit(self) -> Mask:
+        """True where a sample stands at the sensor's limit."""
+        return np.zeros(self.value.shape, bool) if self.clipped is None else self.clipped != 0
+
+    @property
     def inside(self) -> Mask:
         """True where there is a sample."""
         return np.arange(self.value.shape[1]) < self.n[:, None]
 
 
-def stack(recordings: Sequence[Trace]) -> Recordings:
+@dataclass(frozen=True)
+class ImpactTraces(PaddedTraces):
+    """Traces of impacts with, of each, mass (kg), velocity at contact and gravity along it (m/s, m/s²).
+
+    ``clipped`` is all 0 where no sample stands at the sensor's limit.
+    """
+
+    clipped: Rows = field(kw_only=True)
+    mass: Column = field(kw_only=True)
+    velocity: Column = field(kw_only=True)
+    gravity: Column = field(kw_only=True)
+
+
+def stack(recordings: Sequence[Trace]) -> PaddedTraces:
     """Lay recordings under one another; the interval is the mean one."""
     traces = Traces.of(recordings)
     n, dt, bent = traces.n_samples, traces.interval, traces.uneven
@@ -92,7 +110,9 @@ def stack(recordings: Sequence[Trace]) -> Recordings:
         for row in np.flatnonzero(bent).tolist():
             time = traces[row].time_s
             sample_number[row, : n[row]] = (time - time[0]) / dt[row]
-    return Recordings(value, n, traces.time_s[traces.begin], dt, sample_number=sample_number, clipped=clipped)
+    return PaddedTraces(
+        value, n, traces.time_s[traces.begin], dt, sample_number=sample_number, clipped=clipped
+    )
 
 
 def last_where(condition: Mask) -> Index:
@@ -112,17 +132,22 @@ def at(values: Rows, index: Index) -> Column:
     return np.take_along_axis(values, inside[:, None], axis=1)[:, 0]
 
 
-def from_sample(recordings: Recordings, first: Index) -> Recordings:
+def from_sample[T: PaddedTraces](recordings: T, first: Index) -> T:
     """Each recording from its sample ``first`` on; the padding repeats the last value."""
-    n = np.maximum(recordings.n - first, 1)
+    n, clipped, sample_number = np.maximum(recordings.n - first, 1), recordings.clipped, None
     index = first[:, None] + np.minimum(np.arange(int(n.max())), n[:, None] - 1)
-    value = np.take_along_axis(recordings.value, index, axis=1)
-    start = recordings.start + recordings.sample_number_of(first) * recordings.dt
-    if recordings.sample_number is None:
-        return Recordings(value, n, start, recordings.dt)
-    sample_number = recordings.sample_number_of(first[:, None] + np.arange(value.shape[1]))
-    sample_number = sample_number.reshape(value.shape) - recordings.sample_number_of(first)[:, None]
-    return Recordings(value, n, start, recordings.dt, sample_number=sample_number)
+    since = recordings.sample_number_of(first)
+    if recordings.sample_number is not None:
+        numbers = recordings.sample_number_of(first[:, None] + np.arange(index.shape[1]))
+        sample_number = numbers.reshape(index.shape) - since[:, None]
+    return replace(
+        recordings,
+        value=np.take_along_axis(recordings.value, index, axis=1),
+        n=n,
+        start=recordings.start + since * recordings.dt,
+        sample_number=sample_number,
+        clipped=None if clipped is None else np.take_along_axis(clipped, index, axis=1),
+    )
 
 
 def segment_moments(values: Rows, end: Index) -> tuple[Column, Column]:
@@ -144,7 +169,7 @@ def standard_error(scatter: Column, count: Index) -> Column:
     return scatter * np.sqrt((count - 1) / (count - 3) / count)
 
 
-def noise_sd(recordings: Recordings) -> Column:
+def noise_sd(recordings: PaddedTraces) -> Column:
     """Standard deviation of white noise on each recording, from its third differences.
 
     Third differences take away whatever is a parabola over four samples and multiply the variance of
@@ -162,7 +187,7 @@ def noise_sd(recordings: Recordings) -> Column:
     return np.where(np.isfinite(median), median, 0) / (0.6745 * np.sqrt(20))
 
 
-def _third_differences(recordings: Recordings) -> Rows:
+def _third_differences(recordings: PaddedTraces) -> Rows:
     if recordings.sample_number is None:
         return np.diff(recordings.value, n=3, axis=1)
     t, y = (

@@ -9,7 +9,7 @@ M = 1 + A~' A~,
 Two things make modes and S:
 
 Noise that went through the recorder's low-pass, beside a share f of white noise that entered behind it: S = f
-1 + (1 - f) R, R being the correlations that the filter leaves (`bayestissue.signal.recorder_noise`). Of a
+1 + (1 - f) R, R being the correlations that the filter leaves (`bayestissue.signal.filters`). Of a
 sample the p before it say all, to rounding, that all before it do, p being some periods of the corner. So
 S^-1/2 = L^-1, S = L L', is a dense matrix for the first p samples of a trace, and from there on the same few
 weights at every sample (an autoregression of order p; Box and Jenkins, Time Series Analysis, section 7.4):

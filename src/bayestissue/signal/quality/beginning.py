@@ -28,8 +28,8 @@ from scipy.special import fdtrc
 from bayestissue.dataset.chain import Uncertainty
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
-from bayestissue.signal.quality.recorded import Recorded
-from bayestissue.signal.quality.settings import BEGINNING
+from bayestissue.signal.quality.samples import Recorded
+from bayestissue.signal.settings import BEGINNING
 from bayestissue.signal.traces import Column, Index, Mask, Rows
 
 type State = Float[np.ndarray, "4 ..."]
@@ -57,7 +57,8 @@ class _Blocks(NamedTuple):
 
     From the first sample on: t, d, its integral (``lost``), and the parts of velocity, displacement and the
     integral of displacement that come of d and gravity; ``weight`` is 1 over the standard deviation of d, 0
-    where there is no block; ``fall`` [impact, 1] is gravity.
+    where there is no block; ``fall`` [impact, 1] is gravity. Of each impact are the greatest deceleration,
+    the sampling interval, and the standard deviations of velocity and zero.
     """
 
     t: Rows
@@ -68,6 +69,10 @@ class _Blocks(NamedTuple):
     x_integral: Rows
     weight: Rows
     fall: Rows
+    peak: Column
+    interval: Column
+    velocity_sd: Column
+    zero_sd: Column
 
 
 def _stiffening(y: State) -> Terms:
@@ -102,15 +107,12 @@ def beginning(recorded: Recorded, signal: Displacements, chosen: Mask, uncertain
     missed, longest, rows = np.zeros_like(chosen), np.zeros(len(chosen)), np.flatnonzero(chosen)
     if not rows.size:
         return Beginning(missed, longest)
-    blocks, unit = _blocks(recorded, signal, rows)
-    peak, interval = recorded.peak[rows] / unit, signal.dt[rows] / signal.time_to_peak[rows]
-    least = np.maximum(BEGINNING.intervals * interval, BEGINNING.share)
+    blocks = _blocks(recorded, signal, rows, uncertainty)
+    least = np.maximum(BEGINNING.intervals * blocks.interval, BEGINNING.share)
     most = np.maximum(BEGINNING.longest, 2 * least)
     early = least + (most - least) * np.linspace(0, 1, BEGINNING.moments)[:, None] ** 2
-    velocity_sd = np.hypot(uncertainty.velocity_sd_m_s / signal.velocity[rows], uncertainty.relative_gain_sd)
-    sd = np.hypot(velocity_sd, BEGINNING.velocity), uncertainty.offset_sd / unit
-    offsets = np.multiply.outer(BEGINNING.offsets, peak)
-    accounts = [_accounts(law, blocks, interval, early, offsets, sd) for law in _LAWS]
+    offsets = np.multiply.outer(BEGINNING.offsets, blocks.peak)
+    accounts = [_accounts(law, blocks, early, offsets) for law in _LAWS]
     contact, late, shifted, of_early = (np.min(squares, axis=0) for squares in zip(*accounts, strict=True))
     count = np.maximum((blocks.weight > 0).sum(axis=1) - BEGINNING.parameters, 1)
     freedom = recorded.freedom[rows]
@@ -127,8 +129,8 @@ def beginning(recorded: Recorded, signal: Displacements, chosen: Mask, uncertain
     return Beginning(missed, longest)
 
 
-def _blocks(recorded: Recorded, signal: Displacements, rows: Index) -> tuple[_Blocks, Column]:
-    """The blocks of some impacts, and the unit of their decelerations, m/s²."""
+def _blocks(recorded: Recorded, signal: Displacements, rows: Index, uncertainty: Uncertainty) -> _Blocks:
+    """The blocks of some impacts."""
     d, dt, to_peak = signal.deceleration[rows], signal.dt[rows, None], signal.time_to_peak[rows, None]
     velocity, peak = signal.velocity[rows, None], recorded.peak[rows, None]
     sample = np.arange(d.shape[1])
@@ -153,16 +155,20 @@ def _blocks(recorded: Recorded, signal: Displacements, rows: Index) -> tuple[_Bl
     columns = (t, d / unit, fall * t - v, v, x, trapezoids(x, np.diff(sample_number, axis=1) * dt / to_peak))
     t, d, lost, v, x, x_integral = (means(column) for column in columns)
     weight = np.where(size > 0, 1 / sd, 0)
-    return _Blocks(t, d, lost, v, x, x_integral, weight, fall), unit[:, 0]
+    velocity_sd = np.hypot(uncertainty.velocity_sd_m_s / signal.velocity[rows], uncertainty.relative_gain_sd)
+    sds = np.hypot(velocity_sd, BEGINNING.velocity), uncertainty.offset_sd / unit[:, 0]
+    of_impacts = recorded.peak[rows] / unit[:, 0], signal.dt[rows] / signal.time_to_peak[rows]
+    return _Blocks(t, d, lost, v, x, x_integral, weight, fall, *of_impacts, *sds)
 
 
 def _accounts(
-    law: Law, blocks: _Blocks, interval: Column, early: Moments, offsets: Moments, sd: tuple[Column, Column]
+    law: Law, blocks: _Blocks, early: Moments, offsets: Moments
 ) -> tuple[Column, Column, Column, Moments]:
     """Least sums of squares of one law's accounts: contact in the interval, earlier, an offset.
 
-    The last are those of each of the earlier moments. ``sd`` are standard deviations of velocity and offset.
+    The last are those of each of the earlier moments.
     """
+    interval = blocks.interval
     middle, none = interval / 2 + 0 * early[:1], np.zeros((3, len(interval)))
     moments = np.concatenate([none + np.array([0, 0.5, 1])[:, None] * interval, early])
     since = np.concatenate([moments, 0 * offsets + middle, middle, middle])
@@ -170,8 +176,10 @@ def _accounts(
     offset[len(moments) : -2], offset[-1], faster[-2] = offsets, BEGINNING.small, BEGINNING.small
     residuals = _residuals(law, blocks, since, offset, faster)
     # Errors of velocity and offset as they are declared; and, with an offset, contact in the interval.
-    of_velocity = (residuals[-2] - residuals[1]) * (sd[0] / BEGINNING.small)[:, None]
-    of_offset = _less_error((residuals[-1] - residuals[1]) * (sd[1] / BEGINNING.small)[:, None], of_velocity)
+    of_velocity = (residuals[-2] - residuals[1]) * (blocks.velocity_sd / BEGINNING.small)[:, None]
+    of_offset = _less_error(
+        (residuals[-1] - residuals[1]) * (blocks.zero_sd / BEGINNING.small)[:, None], of_velocity
+    )
     of_contact = _less_error(_less_error(residuals[2] - residuals[0], of_velocity), of_offset)
     residuals = _less_error(_less_error(residuals[:-2], of_velocity), of_offset)
     shifted = _less_error(residuals[len(moments) :], of_contact)
@@ -186,7 +194,7 @@ def _residuals(law: Law, blocks: _Blocks, since: Moments, offset: Moments, faste
 
     The state at the first sample and the law's coefficients are found in turn.
     """
-    t, d, lost, v, x, x_integral, weight, fall = blocks
+    t, d, lost, v, x, x_integral, weight, fall = blocks[:8]
     o = offset[..., None]
     d, lost, v = d - o, lost - o * t, v + o * t
     x, x_integral = x + o * t**2 / 2, x_integral + o * t**3 / 6

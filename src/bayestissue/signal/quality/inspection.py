@@ -15,10 +15,9 @@ from bayestissue.errors import Coded
 from bayestissue.remedies import entries
 from bayestissue.signal.contact import motion_of
 from bayestissue.signal.displacement import displacements
-from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import beginning, law, samples, velocity
-from bayestissue.signal.quality.recorded import Recorded
-from bayestissue.signal.quality.settings import PULSE
+from bayestissue.signal.quality.samples import Recorded
+from bayestissue.signal.settings import PULSE, SignalOptions
 from bayestissue.signal.traces import Column, Index, Mask
 
 
@@ -140,9 +139,7 @@ def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> l
 def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Implied]) -> Iterator[Finding]:
     recordings = motion_of(part.traces, part.quantity)
     recorded = Recorded.from_recordings(recordings)
-    limited = np.zeros(len(recordings.n), int)
-    if recordings.clipped is not None:
-        limited = (recordings.clipped != 0).sum(axis=1)
+    limited = recordings.at_limit.sum(axis=1)
     yield KINDS["at-limit"].where(limited > 0, limited)
     known = options.contact == "time-zero"
     start = np.where(known, 0, samples.starts_off_zero(recorded))
@@ -173,20 +170,17 @@ def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Imp
         return
     # A law is asked of whole recordings.
     used = (np.arange(signal.x.shape[1]) < signal.n_samples[:, None]) & (limited == 0)[:, None]
-    other_gravity = law.another_gravity(signal, used, recorded.sd, recorded.freedom)
+    other_gravity = law.another_gravity(signal, used, recorded)
     yield KINDS["gravity-declared" if part.gravity else "gravity-undeclared"].where(
         other_gravity, law.gravity_tried(signal)
     )
     named = np.array([[bool(words) for words in finding.said] for finding in findings]).any(axis=0)
-    chain = part.uncertainty
-    velocity_sd = np.hypot(chain.velocity_sd_m_s / signal.velocity, chain.relative_gain_sd)
-    of_part = velocity.implied(signal, recorded.sd, recorded.peak, velocity_sd, chain.offset_sd)
+    of_part = velocity.implied(signal, recorded, part.uncertainty)
     # What has another name is no velocity.
     usable = of_part.usable & ~named
     implied.append(of_part._replace(usable=usable, explained=of_part.explained & usable & ~other_gravity))
     unnamed = used & ~(named | other_gravity)[:, None]
-    begin = law.Start(signal.sample_number, signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
-    none = law.no_law(signal.deceleration, unnamed, begin, recorded.sd, recorded.freedom, recorded.peak)
+    none = law.no_law(signal, unnamed, recorded)
     yield KINDS["no-law"].where(none, none)
 
 

@@ -7,7 +7,6 @@ not there.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -16,35 +15,20 @@ from scipy.special import fdtrc
 from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
-from bayestissue.signal.quality.settings import LAW
+from bayestissue.signal.quality.samples import Recorded
+from bayestissue.signal.settings import LAW
 from bayestissue.signal.traces import Column, Mask, Rows
 
 type Law = Float[np.ndarray, "impact sample term"]
 
 
-class Start(NamedTuple):
-    """What turns force over mass into motion, each [impact] but for the first.
-
-    Attributes:
-        sample_number: [impact, sample], times since the first sample, in sampling intervals.
-        dt: sampling interval, s.
-        x, v: displacement and velocity at the first sample, m and m/s.
-        gravity: along the motion, m/s².
-    """
-
-    sample_number: Rows
-    dt: Column
-    x: Column
-    v: Column
-    gravity: Column
-
-
-def motion(d: Rows, start: Start) -> tuple[Rows, Rows]:
+def motion(signal: Displacements) -> tuple[Rows, Rows]:
     """Displacement and velocity from the state at the first sample and force over mass, by trapezoids."""
-    sample_number, (dt, x, v, gravity) = start.sample_number, (column[:, None] for column in start[1:])
-    step = np.diff(sample_number, axis=1) * dt
-    lost = trapezoids(d - gravity, step)
-    return x + v * sample_number * dt - trapezoids(lost, step), v - lost
+    number, dt = signal.sample_number, signal.dt[:, None]
+    step = np.diff(number, axis=1) * dt
+    lost = trapezoids(signal.deceleration - signal.gravity[:, None], step)
+    x, v = signal.x[:, :1], signal.v[:, :1]
+    return x + v * number * dt - trapezoids(lost, step), v - lost
 
 
 def laws(x: Rows, v: Rows, used: Mask) -> Iterator[Law]:
@@ -77,13 +61,13 @@ def residuals(law: Law, d: Rows, used: Mask) -> Float[np.ndarray, "impact sample
     return np.where(used, d - np.einsum("isk,ik->is", law, coefficients), 0.0)
 
 
-def no_law(d: Rows, used: Mask, start: Start, sd: Column, freedom: Column, peak: Column) -> Mask:
+def no_law(signal: Displacements, used: Mask, recorded: Recorded) -> Mask:
     """Where what the widest law leaves over is more than noise and the laws' own misfit."""
-    law = any_law(*motion(d, start), used)
+    d, freedom, law = signal.deceleration, recorded.freedom, any_law(*motion(signal), used)
     samples = used.sum(axis=1)
     count = np.maximum(samples - law.shape[-1], 1)
     residual = residuals(law, d, used)
-    variance = sd**2 + (LAW.misfit * peak) ** 2
+    variance = recorded.sd**2 + (LAW.misfit * recorded.peak) ** 2
     wide = fdtrc(count, freedom, (residual**2).sum(axis=1) / count / variance) < LAW.alarms / 2
     # A step's own share, at the sample where it is greatest; less is left of a step than itself.
     sums, index = np.cumsum(residual[:, ::-1], axis=1)[:, ::-1], np.arange(d.shape[1])
@@ -94,9 +78,10 @@ def no_law(d: Rows, used: Mask, start: Start, sd: Column, freedom: Column, peak:
     return (wide | step) & (samples >= 2 * law.shape[-1])
 
 
-def least_sum_of_squares(d: Rows, used: Mask, start: Start) -> Column:
+def least_sum_of_squares(signal: Displacements, used: Mask) -> Column:
     """The least sum of squares that any of the laws leaves of each impact."""
-    squares = [(residuals(law, d, used) ** 2).sum(axis=1) for law in laws(*motion(d, start), used)]
+    d, every = signal.deceleration, laws(*motion(signal), used)
+    squares = [(residuals(law, d, used) ** 2).sum(axis=1) for law in every]
     return np.min(squares, axis=0)
 
 
@@ -105,7 +90,7 @@ def gravity_tried(signal: Displacements) -> Column:
     return np.where(signal.gravity == 0, STANDARD_GRAVITY, 0.0)
 
 
-def another_gravity(signal: Displacements, used: Mask, sd: Column, freedom: Column) -> Mask:
+def another_gravity(signal: Displacements, used: Mask, recorded: Recorded) -> Mask:
     """Where a drop was declared as none, or none as a drop.
 
     A spring and damper's force over mass is linear in the motion that the recording gives once gravity is
@@ -122,15 +107,14 @@ def another_gravity(signal: Displacements, used: Mask, sd: Column, freedom: Colu
     Args:
         signal: until the tissue no longer pushes, under the declared gravity.
         used: [impact, sample], the samples to ask.
-        sd: standard deviation of the noise, m/s².
-        freedom: degrees of freedom of that, about.
+        recorded: the noise.
     """
     change = gravity_tried(signal) - signal.gravity
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
-    variance = sd**2 + (LAW.misfit * peak) ** 2
+    variance = recorded.sd**2 + (LAW.misfit * peak) ** 2
     declared, changed = (_sum_of_squares(signal, used, variance, by) for by in (0 * change, change))
     count = np.maximum(used.sum(axis=1) - 2, 1)
-    well = fdtrc(count, freedom, changed / count) > LAW.noise_alone
+    well = fdtrc(count, recorded.freedom, changed / count) > LAW.noise_alone
     return (used.sum(axis=1) >= LAW.fewest) & well & (declared - changed > LAW.gain)
 
 

@@ -24,7 +24,7 @@ from bayestissue.signal.displacement import BEFORE, Displacements
 from bayestissue.signal.filters import answers
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality import law
-from bayestissue.signal.quality.settings import LAW, PULSE, SAMPLES
+from bayestissue.signal.settings import LAW, PULSE, SAMPLES
 from bayestissue.signal.start import deceleration
 from bayestissue.signal.traces import Column
 
@@ -51,10 +51,9 @@ def suspected(signal: Displacements) -> Suspected:
         signal: decelerations from contact to zero velocity.
     """
     used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    start = law.Start(signal.sample_number, signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
-        plain = law.least_sum_of_squares(signal.deceleration, used, start)
+        plain = law.least_sum_of_squares(signal, used)
     variance = signal.noise_sd**2 + (LAW.misfit * peak) ** 2
     freedom = np.maximum(PULSE.worth * signal.n_samples, 1)
     count = np.maximum(signal.n_samples - 4, 1)

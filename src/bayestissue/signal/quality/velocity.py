@@ -32,12 +32,13 @@ from jaxtyping import Bool, Float
 from scipy.special import fdtrc, logsumexp
 from scipy.stats import chi2, median_abs_deviation
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.dataset.chain import STANDARD_GRAVITY, Uncertainty
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
-from bayestissue.signal.quality.settings import LAW, PULSE, VELOCITY
+from bayestissue.signal.quality.samples import Recorded
+from bayestissue.signal.settings import LAW, PULSE, VELOCITY
 from bayestissue.signal.start import LeastSquares
-from bayestissue.signal.traces import Column, Mask, Recordings, Rows
+from bayestissue.signal.traces import Column, ImpactTraces, Mask
 
 # Fractions of the stated velocity that are tried, and the place of 0 among them.
 _STATED = len(VELOCITY.steps)
@@ -79,36 +80,30 @@ class Contradiction:
     fraction: Column
 
 
-def implied(
-    signal: Displacements, noise_sd: Column, peak: Column, velocity_sd: Column, offset_sd: float
-) -> Implied:
+def implied(signal: Displacements, recorded: Recorded, uncertainty: Uncertainty) -> Implied:
     """The velocity that each trace implies.
 
     Args:
         signal: over the rebound.
-        noise_sd: standard deviation of the recorder's noise, m/s².
-        peak: of the deceleration, m/s².
-        velocity_sd: as declared, with that of the gain, as a fraction of the velocity.
-        offset_sd: as declared, where no quiet part tells the zero, m/s².
+        recorded: noise and peak.
+        uncertainty: of the velocity; of the gain, which is one of velocity; and of the zero where no quiet
+            part tells it.
     """
-    d, n, dt = signal.deceleration, signal.n_samples, signal.dt
+    d, n, dt, noise_sd = signal.deceleration, signal.n_samples, signal.dt, recorded.sd
+    velocity_sd = np.hypot(uncertainty.velocity_sd_m_s / signal.velocity, uncertainty.relative_gain_sd)
     steps = np.diff(signal.sample_number, axis=1) * dt[:, None]
     first = trapezoids(d - signal.gravity[:, None], steps)
-    part = Recordings(d, n, signal.first_sample_s, dt, sample_number=signal.sample_number)
-    lost = first, trapezoids(first, steps)
-    problem = LeastSquares.until(np.maximum(n - 1, 0), part, lost, signal.velocity, signal.gravity)
+    part = signal.traces
+    problem = LeastSquares.until(np.maximum(n - 1, 0), part, (first, trapezoids(first, steps)))
     duration = problem.duration
     half = np.sqrt(3) * signal.bracket_sd
-    low, high = np.maximum(signal.bracket_s - half, 0) / duration, (signal.bracket_s + half) / duration
-    zero = signal.zero_sd(offset_sd)
+    bracket = np.maximum(signal.bracket_s - half, 0) / duration, (signal.bracket_s + half) / duration
+    zero = signal.zero_sd(uncertainty.offset_sd)
     taken = 1 - 1 / np.sqrt(1 + n * np.square(zero / np.maximum(noise_sd, 1e-12)))
-    squares = (
-        _least(problem, part.inside, signal.sample_number * (dt / duration)[:, None], low, high, taken)
-        * np.square(signal.velocity / duration)[:, None]
-    )
+    squares = _least(problem, part, bracket, taken) * np.square(signal.velocity / duration)[:, None]
     freedom = np.maximum(n - VELOCITY.parameters, 1)
     least = np.maximum([-_peak(-row)[1] for row in squares], 0)
-    floor = noise_sd**2 + (LAW.misfit * peak) ** 2
+    floor = noise_sd**2 + (LAW.misfit * recorded.peak) ** 2
     explained = fdtrc(freedom, np.maximum(PULSE.worth * n, 1), least / freedom / floor) > VELOCITY.unexplained
     explained &= (n >= VELOCITY.fewest) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
     # What a sensor cut off is no part of the integrals.
@@ -119,22 +114,23 @@ def implied(
 
 
 def _least(
-    problem: LeastSquares, used: Mask, time: Rows, low: Column, high: Column, taken: Column
+    problem: LeastSquares, part: ImpactTraces, bracket: tuple[Column, Column], taken: Column
 ) -> np.ndarray:
     """S at each of `FRACTIONS`, by Gauss and Newton's way from where the integrals put a, b and contact.
 
     Integrals have the noise of all samples before, which looks like a velocity: they are a start and no more.
     The zero's error is integrated out: (1 + u uᵀ)^(−1/2) takes a share of the residuals' mean, ``taken``.
     """
-    ratio = (1 + FRACTIONS)[:, None]
+    ratio, (low, high) = (1 + FRACTIONS)[:, None], bracket
     at = problem.fit_at(1 + FRACTIONS, low, high)
     pushes = (at[..., :2] > 0).all(axis=-1) & np.isfinite(at).all(axis=-1)
     at = np.where(pushes[..., None], at, [1.0, 1.0, 0.0])
     at[..., :2] = np.log(at[..., :2])
+    time = part.sample_numbers * (part.dt / problem.duration)[:, None]
     even = np.allclose(np.diff(time), time[:, 1:2], rtol=1e-9)
     exponentials = _exponentials if even else lambda rate, t: np.exp(rate * t)
     time = time[:, None]
-    unused, fall = ~used[:, None], problem.fall[:, None, None]
+    unused, fall = ~part.inside[:, None], problem.fall[:, None, None]
 
     def residuals(at: np.ndarray) -> np.ndarray:
         a, b = np.exp(np.clip(at[..., :2], -20, 20)).swapaxes(0, -1).swapaxes(1, -1)[..., None]
