@@ -84,7 +84,7 @@ def dataset_of(folder: Path, file: str, time: str | None, **channel: Any) -> Pat
 
 
 def require_truth(data: bt.Dataset, first: np.ndarray, own: np.ndarray) -> None:
-    (trace,), (force,) = data.traces, data.channels[0].traces
+    (trace,), (force,) = data.traces, data.further[0]
     begin = trace.time_s[0] - first[0]
     np.testing.assert_allclose(trace.time_s, begin + first, atol=1e-8)
     np.testing.assert_allclose(force.time_s, begin + own, atol=1e-8)

@@ -47,7 +47,7 @@ def test_files_of_one_run_each_have_the_same_channels(how: str, tmp_path: Path) 
     assert list(intake.recordings.candidates()) == ["Time (s)", "Acceleration (m/s²)", "Force (N)"]
     assert not intake.questions
     data = write(intake, tmp_path / "made").dataset
-    for run, (trace, force) in enumerate(zip(data.traces, data.channels[0].traces, strict=True), 1):
+    for run, (trace, force) in enumerate(zip(data.traces, data.further[0], strict=True), 1):
         expected = list(run_of(run, how).values())
         np.testing.assert_allclose([trace.time_s, trace.value, force.value], expected, rtol=1e-12)
         np.testing.assert_array_equal(force.time_s, trace.time_s)
@@ -62,7 +62,7 @@ def test_a_run_of_several_in_a_file_has_its_own_time_and_unit(run: int, how: str
     said: dict[str, Any] = {"quantity": "deceleration", "shared": SHARED | {"mass_kg": "0.7"}}
     chosen = Choices(channel=acceleration, force={"value_column": force, "place": "impactor"}, **said)
     data = write(prepare(folder, chosen), tmp_path / "made").dataset
-    (trace,), (beside,) = data.traces, data.channels[0].traces
+    (trace,), (beside,) = data.traces, data.further[0]
     np.testing.assert_allclose(
         [trace.time_s, trace.value], [columns[time], columns[acceleration]], rtol=1e-12
     )

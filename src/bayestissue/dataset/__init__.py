@@ -13,15 +13,15 @@ from types import ModuleType
 from typing import Any
 
 from bayestissue.dataset.arrays import dataset as _from_arrays
-from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
 from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.read import as_dataset, read_dataset
+from bayestissue.dataset.settings import LowPassFilter, Quantity, Uncertainty
 from bayestissue.dataset.write import write_dataset
 
 __all__ = [
     "Dataset",
+    "LowPassFilter",
     "Quantity",
-    "Recorder",
     "Trace",
     "Uncertainty",
     "as_dataset",

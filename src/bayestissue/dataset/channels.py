@@ -13,7 +13,6 @@ from jaxtyping import Float64
 from bayestissue.dataset.checks import check_samples
 from bayestissue.dataset.impacts import ImpactTable
 from bayestissue.dataset.limits import with_limits
-from bayestissue.dataset.model import Channel, Trace
 from bayestissue.dataset.recordings import (
     MIN_SAMPLES,
     Reading,
@@ -88,13 +87,6 @@ def checked_channel(
         samples=samples,
         problems=[*reading.problems, *problems, *of_samples, *_unfit(sound, first)],
     )
-
-
-def declared(channel: ChannelSettings, traces: list[Trace]) -> Channel:
-    """The channel as a `Dataset` carries it."""
-    recorder = channel.recorder.values() if channel.recorder else None
-    known = channel.relative_gain_sd, channel.tip_mass_kg, recorder
-    return Channel(channel.name, channel.quantity, channel.place, traces, *known)
 
 
 def _unfit(recordings: Recordings, first: Recordings) -> Iterator[Problem]:

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.limits import LIMITS
 from bayestissue.dataset.motion import Motion, motion
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import EVEN_WITHIN, MIN_SAMPLES, RATE_WITHIN, Recordings, Samples, uneven
-from bayestissue.dataset.settings import FILE
+from bayestissue.dataset.settings import FILE, STANDARD_GRAVITY
 from bayestissue.dataset.twins import twins
 from bayestissue.errors import Problem
 from bayestissue.outline import counted

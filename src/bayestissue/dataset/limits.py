@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Int8
 
-from bayestissue.dataset.chain import ChannelQuantity, Quantity
 from bayestissue.dataset.recordings import Samples
+from bayestissue.dataset.settings import ChannelQuantity, Quantity
 from bayestissue.dataset.tables import BEYOND_LIMIT
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 
-from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import Samples
+from bayestissue.dataset.settings import Quantity
 
 
 @dataclass(frozen=True, eq=False)

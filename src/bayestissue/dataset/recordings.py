@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float64, Int, Int8, Shaped
 
-from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
-from bayestissue.dataset.settings import SignalSettings
+from bayestissue.dataset.settings import LowPassFilter, Quantity, SignalSettings, Uncertainty
 from bayestissue.dataset.units import to_si
 from bayestissue.errors import Problem
 
@@ -340,7 +339,7 @@ class Recordings:
     quantity: Quantity
     uncertainty: Uncertainty
     gravity: float = 0.0
-    recorder: Recorder | None = None
+    recorder: LowPassFilter | None = None
 
     @classmethod
     def with_impacts(

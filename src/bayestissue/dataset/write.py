@@ -89,7 +89,7 @@ def settings_text(settings: dict[str, Any]) -> str:
     """``dataset.toml`` of these keys, tables as nested dictionaries."""
     stated = [key for key in Settings.model_fields if key in settings]
     tables = [key for key in stated if isinstance(settings[key], dict)]
-    lists = [key for key in stated if isinstance(settings[key], list)]
+    lists = [key for key in stated if isinstance(settings[key], list | tuple)]
     lines = [_entry(key, settings[key]) for key in stated if key not in (*tables, *lists)]
     for table in tables:
         lines += ["", f"[{table}]", *(_entry(key, value) for key, value in settings[table].items())]

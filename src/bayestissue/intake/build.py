@@ -7,7 +7,7 @@ import shutil
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -230,7 +230,7 @@ def _in_terms_of_init(problem: Problem) -> Problem:
 
 
 def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple[str, ...]:
-    notes = [] if any(asdict(dataset.uncertainty).values()) else [said("notes.chain")]
+    notes = [] if any(dataset.uncertainty.model_dump().values()) else [said("notes.chain")]
     if choices.force_channel and not choices.force:
         force = choices.force_channel
         words = said("notes.force", channel=force["value_column"], place=force["place"])

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from bayestissue.dataset import Dataset, Quantity, Recorder, Uncertainty, read_dataset
-from bayestissue.dataset.chain import Contact
+from bayestissue.dataset import Dataset, LowPassFilter, Quantity, Uncertainty, read_dataset
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import BEFORE_PART
 from bayestissue.dataset.recorders import SUFFIXES, suffix_of
-from bayestissue.dataset.settings import Gravity, Zero, stated_table
+from bayestissue.dataset.settings import Contact, Gravity, Zero
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem, path_argument
 from bayestissue.intake.build import Built, Cutting, build
@@ -256,7 +255,7 @@ def init_dataset(
     pattern: str | None = None,
     table: str | Path | None = None,
     given: Mapping[str, object] | None = None,
-    recorder: Mapping[str, Any] | Recorder | None = None,
+    recorder: Mapping[str, Any] | LowPassFilter | None = None,
     text: Mapping[str, Any] | None = None,
     gravity: Gravity | None = None,
     zero: Zero | None = None,
@@ -323,9 +322,9 @@ def init_dataset(
         contact=contact,
         table=None if table is None else Path(table),
         shared={key: str(value) for key, value in (given or {}).items()},
-        recorder=dict(stated_table(recorder or {})),
+        recorder=dict(recorder or {}),
         text=dict(text or {}),
-        uncertainty=dict(stated_table(uncertainty or {})),
+        uncertainty=dict(uncertainty or {}),
         force="none" if force == "none" else dict(force or {}),
     )  # fmt: skip
     out = default_out(folder) if out is None else out

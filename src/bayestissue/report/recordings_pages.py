@@ -207,8 +207,8 @@ def _check_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Pane
         "velocity": (inside, signal.v[index, :n]),
         "displacement": (inside, signal.x[index, :n]),
     }
-    for channel in dataset.channels:
-        recorded = channel.traces[index]
+    for traces in dataset.further:
+        recorded = traces[index]
         since = 1e3 * (recorded.time_s - signal.contact_time_s[index])
         around = (since > -to_peak) & (since < last)
         curves["recorded force"] = (since[around], recorded.value[around])
@@ -335,8 +335,9 @@ def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel
     near = near if near.any() else np.ones_like(near)
     peak = int(np.argmax(value))
     shown: Panel = {"recorded": (time[near], value[near])}
-    for channel in dataset.channels if dataset.quantity != "displacement" else ():
-        force_trace = channel.traces[index]
+    channels = zip(dataset.channels, dataset.further, strict=True)
+    for channel, traces in channels if dataset.quantity != "displacement" else ():
+        force_trace = traces[index]
         then = 1e3 * force_trace.time_s
         around = (then >= time[near][0]) & (then <= time[near][-1])
         behind = float(signal.mass[index]) - channel.tip_mass_kg

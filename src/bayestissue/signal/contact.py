@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY, Quantity
 from bayestissue.dataset.model import Trace
+from bayestissue.dataset.settings import STANDARD_GRAVITY, Quantity
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.settings import CONTACT
 from bayestissue.signal.traces import (

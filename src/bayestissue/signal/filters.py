@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex, Float, Num
 
-from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.signal.settings import FILTER
 from bayestissue.signal.traces import Column, Rows
 
 
-def on_even_grid(values: Rows, rate: float, recorder: Recorder) -> Rows:
+def on_even_grid(values: Rows, rate: float, recorder: LowPassFilter) -> Rows:
     """The values as the recorder's filter passes them, from rest before the first sample.
 
     Args:
@@ -29,7 +29,7 @@ def on_even_grid(values: Rows, rate: float, recorder: Recorder) -> Rows:
     return sosfilt(sections, once[:, ::-1], axis=1)[:, ::-1] if recorder.zero_phase else once
 
 
-def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.ndarray, " mode"]]:
+def modes(recorder: LowPassFilter) -> tuple[Complex[np.ndarray, " mode"], Complex[np.ndarray, " mode"]]:
     """Poles p_k [rad/s] and weights c_k of the filter's answer to an impulse, Re sum_k c_k e^(p_k t).
 
     Of two complex conjugate poles one is there, with twice its weight. Run forwards and backwards, the
@@ -49,7 +49,7 @@ def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.
 
 
 def autocorrelation(
-    recorder: Recorder, lag: Num[np.ndarray, "*lags"], dt: float
+    recorder: LowPassFilter, lag: Num[np.ndarray, "*lags"], dt: float
 ) -> Float[np.ndarray, "*lags"]:
     """Of white noise that went through the filter, 1 at a lag of 0.
 
@@ -86,7 +86,7 @@ def autocorrelation(
     return parts.sum((-2, -1)).real / at_zero.sum().real
 
 
-def _of_samples(recorder: Recorder, lag: np.ndarray, dt: float) -> np.ndarray:
+def _of_samples(recorder: LowPassFilter, lag: np.ndarray, dt: float) -> np.ndarray:
     """Over a circle that is long enough for the correlations to die away."""
     from scipy.signal import sosfreqz
 
@@ -97,7 +97,7 @@ def _of_samples(recorder: Recorder, lag: np.ndarray, dt: float) -> np.ndarray:
 
 
 def answers(
-    recorder: Recorder, since: Float[np.ndarray, "*time"]
+    recorder: LowPassFilter, since: Float[np.ndarray, "*time"]
 ) -> tuple[Float[np.ndarray, "*time"], Float[np.ndarray, "*time"]]:
     """The filter's answers to a unit step and to a unit ramp that began so long ago [s], run forwards."""
     poles, weights = modes(recorder)
@@ -106,7 +106,7 @@ def answers(
     return (weights * grown).sum(-1).real, (weights / poles * (grown - late)).sum(-1).real
 
 
-def decay(recorder: Recorder, dt: Float[np.ndarray, "*dt"] | float) -> Float[np.ndarray, "*dt"]:
+def decay(recorder: LowPassFilter, dt: Float[np.ndarray, "*dt"] | float) -> Float[np.ndarray, "*dt"]:
     """How fast the slowest part of the filter's answer dies away, 1/s.
 
     Args:
@@ -123,14 +123,14 @@ def decay(recorder: Recorder, dt: Float[np.ndarray, "*dt"] | float) -> Float[np.
     return -np.log(np.maximum(np.abs((1 + q) / (1 - q)).max(-1), FILTER.left_out)) / dt
 
 
-def ahead_s(recorder: Recorder | None, dt: Column) -> Column:
+def ahead_s(recorder: LowPassFilter | None, dt: Column) -> Column:
     """How long before contact a filter that is run backwards too answers, s, to a thousandth; else 0."""
     if recorder is None or not recorder.zero_phase:
         return np.zeros_like(dt)
     return -np.log(FILTER.left_out) / decay(recorder, dt)
 
 
-def delay(recorder: Recorder) -> float:
+def delay(recorder: LowPassFilter) -> float:
     """When the filter's answer to a step passes a half, s; 0 run forwards and backwards."""
     if recorder.zero_phase:
         return 0.0
@@ -139,7 +139,7 @@ def delay(recorder: Recorder) -> float:
     return float(np.interp(0.5, np.maximum.accumulate(step), time))
 
 
-def _design(recorder: Recorder, **how: Any) -> Any:
+def _design(recorder: LowPassFilter, **how: Any) -> Any:
     """By scipy.signal, as poles and zeros of a continuous filter or as sections of a digital one."""
     from scipy.signal import bessel, butter
 

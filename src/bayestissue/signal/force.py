@@ -25,9 +25,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.dataset.chain import Recorder
-from bayestissue.dataset.model import Channel, Dataset
+from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.recordings import interpolated
+from bayestissue.dataset.settings import ChannelSettings, LowPassFilter
 from bayestissue.signal.displacement import FEWEST_SAMPLES, Displacements
 from bayestissue.signal.filters import on_even_grid
 from bayestissue.signal.traces import Recordings, segment_moments, stack
@@ -73,7 +73,7 @@ class Force:
             that is declared of V, and there is no lag.
     """
 
-    channel: Channel
+    channel: ChannelSettings
     since_contact: Float[np.ndarray, "impact sample"]
     value: Float[np.ndarray, "impact sample"]
     expected: Float[np.ndarray, "impact sample"]
@@ -193,9 +193,9 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
     )
 
 
-def _impulses(dataset: Dataset, channel: Channel, signal: Displacements) -> Force:
+def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
     """Impulse of the force against what the declared mass lost, at the samples of the displacement."""
-    force, mass = stack(channel.traces), (signal.mass - channel.tip_mass_kg)[:, None]
+    force, mass = stack(*dataset.further), (signal.mass - channel.tip_mass_kg)[:, None]
     since, inside = signal.since_contact_s, np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     inside &= since >= 0
     times = (force.start - signal.contact_time_s)[:, None] + force.time_s
@@ -236,7 +236,7 @@ def _impulses(dataset: Dataset, channel: Channel, signal: Displacements) -> Forc
     )
 
 
-def _forces(dataset: Dataset, channel: Channel, signal: Displacements) -> Force:
+def _forces(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
     """The force against mass times deceleration."""
     force, slowing = _as_comparable(dataset, channel, signal)
     curve = _Expected(slowing, signal, channel.tip_mass_kg)
@@ -377,7 +377,7 @@ def _mistaken(
     dt = force.dt if not late else slowing.dt
     zero = _first_mean(force, signal.contact_time_s)
     for corner in _CORNERS_HZ[0.2 / np.max(dt) > _CORNERS_HZ]:
-        low_pass = Recorder(float(corner))
+        low_pass = LowPassFilter(low_pass_hz=float(corner))
         if late:
             passed = _Expected(_passed(slowing, low_pass, 0.0), signal, tip_mass_kg)
             least[corner] = left(values, passed.at(since_contact))
@@ -389,11 +389,11 @@ def _mistaken(
 
 
 def _as_comparable(
-    dataset: Dataset, channel: Channel, signal: Displacements
+    dataset: Dataset, channel: ChannelSettings, signal: Displacements
 ) -> tuple[Recordings, Recordings]:
     """The force, and the deceleration without its zero; each through both low-passes if these differ."""
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
-    force, slowing = stack(channel.traces), stack(dataset.traces).signed(sign)
+    force, slowing = stack(*dataset.further), stack(dataset.traces).signed(sign)
     slowing = replace(slowing, value=np.where(slowing.inside, slowing.value - signal.offset[:, None], 0.0))
     if channel.recorder != dataset.recorder:
         slowing = _passed(slowing, channel.recorder, 0.0)
@@ -433,7 +433,7 @@ class _Expected:
 
 
 def _passed(
-    recorded: Recordings, recorder: Recorder | None, zero: Float[np.ndarray, "impact 1"] | float
+    recorded: Recordings, recorder: LowPassFilter | None, zero: Float[np.ndarray, "impact 1"] | float
 ) -> Recordings:
     """What a low-pass makes of recordings whose zero is known; as they are where it passes all of them."""
     if recorder is None or recorded.uneven.any():

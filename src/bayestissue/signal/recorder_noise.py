@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import toeplitz
 
-from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Dataset
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.filters import ahead_s, autocorrelation
 from bayestissue.signal.settings import FILTER
@@ -48,7 +48,7 @@ def white_share(dataset: Dataset, signal: Displacements) -> float:
 
 
 def _quiet_parts(
-    dataset: Dataset, signal: Displacements, recorder: Recorder
+    dataset: Dataset, signal: Displacements, recorder: LowPassFilter
 ) -> list[tuple[Float[np.ndarray, " sample"], float]]:
     """What was recorded before an impact could show, and the sampling interval, where that is noise."""
     first = signal.contact_time_s + signal.first_sample_s
@@ -66,7 +66,7 @@ def _quiet_parts(
     return parts
 
 
-def _spectrum(recorder: Recorder, length: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def _spectrum(recorder: LowPassFilter, length: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and eigenvectors of R about the mean, that of the mean itself left out."""
     centred = np.eye(length) - 1 / length
     correlations = toeplitz(autocorrelation(recorder, np.arange(length), dt))
