@@ -1,4 +1,4 @@
-"""A request to stop ends the process at once, says so in a line, and leaves nothing half done."""
+"""A request to stop ends a command in good order, says so in a line, and leaves nothing half done."""
 
 from __future__ import annotations
 
@@ -12,15 +12,37 @@ from pathlib import Path
 import pytest
 
 from bayestissue.errors import more
+from bayestissue.results import claim
 
 MORE = f"{more(['interrupted'])}\n"
 BEGINS = """
 import gc, sys, time
 from pathlib import Path
-from bayestissue import stopping
+from bayestissue import __main__, cli
+from bayestissue.report.run_folder import after_results
 from bayestissue.results import claim
+from bayestissue.runtime import quieten_libraries, worker_pool
 
-stopping.on_request()
+def main(command):
+    if __name__ == "__main__":
+        cli.main = command
+        __main__.main()
+"""
+
+SLEEPS = """
+def busy():
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+
+# As a callback of a compiled function does, or a library that makes another error of everything.
+CHANGES_EXCEPTIONS = """
+def busy():
+    try:
+        print("ready", flush=True)
+        time.sleep(60)
+    except BaseException:
+        raise RuntimeError("something else")
 """
 
 LOSES_EXCEPTIONS = """
@@ -37,11 +59,13 @@ IN_THE_GARBAGE_COLLECTOR = """
 def busy():
     gc.callbacks.append(lambda *_: (print("ready", flush=True), time.sleep(60)))
     gc.collect()
+    for _ in range(600):
+        time.sleep(0.1)
 """
 
 WHILE_IMPORTING = """
 def busy():
-    folder = Path(sys.argv[1]).parent / "modules"
+    folder = Path(sys.argv[1]).parents[1] / "modules"
     folder.mkdir()
     (folder / "slow.py").write_text("import time\\nprint('ready', flush=True)\\ntime.sleep(60)")
     sys.path.insert(0, str(folder))
@@ -57,19 +81,32 @@ def busy():
 """
 
 WRITES = """
-with claim(Path(sys.argv[1]), command="fit") as place, place.folder() as folder:
-    (folder / "half.csv").write_text("half")
-    busy()
+def writes():
+    with claim(Path(sys.argv[1]), command="fit") as place, place.folder() as folder:
+        (folder / "half.csv").write_text("half")
+        busy()
+main(writes)
 """
 
 KEEPS_PARTS = """
-with claim(Path(sys.argv[1]), command="fit") as place, place.unfinished("job") as parts:
-    (parts / "segment").write_text("1")
-    busy()
+def keeps_parts():
+    with claim(Path(sys.argv[1]), command="fit") as place, place.unfinished("job") as parts:
+        (parts / "segment").write_text("1")
+        busy()
+main(keeps_parts)
+"""
+
+ADDS_A_PAGE = """
+def adds_a_page():
+    with after_results("run", "again"):
+        busy()
+main(adds_a_page)
 """
 
 
-def stopped(program: str, *arguments: str, number: int = signal.SIGINT) -> tuple[int, str, float]:
+def stopped(
+    program: str, *arguments: str, number: int = signal.SIGINT, again_after_s: float | None = None
+) -> tuple[int, str, float]:
     """Status, standard error and the seconds it took to end a program that had said that it was ready."""
     started = subprocess.Popen(  # noqa: S603 - our own program
         [sys.executable, "-c", program, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -79,6 +116,9 @@ def stopped(program: str, *arguments: str, number: int = signal.SIGINT) -> tuple
         assert started.stdout.readline() == "ready\n"
         began = time.monotonic()
         started.send_signal(number)
+        if again_after_s is not None:
+            time.sleep(again_after_s)
+            started.send_signal(number)
         _, said = started.communicate(timeout=30)
         return started.returncode, said, time.monotonic() - began
     finally:
@@ -87,52 +127,63 @@ def stopped(program: str, *arguments: str, number: int = signal.SIGINT) -> tuple
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize(
-    "busy", [LOSES_EXCEPTIONS, IN_THE_GARBAGE_COLLECTOR, WHILE_IMPORTING, KEEPS_THE_INTERPRETER]
-)
-def test_a_request_to_stop_ends_the_process_whatever_it_is_doing(
+@pytest.mark.parametrize("busy", [SLEEPS, CHANGES_EXCEPTIONS, WHILE_IMPORTING, IN_THE_GARBAGE_COLLECTOR])
+def test_a_request_to_stop_ends_a_command_in_good_order(
     tmp_path: Path, busy: str, number: signal.Signals
 ) -> None:
     out = tmp_path / "deep" / "run"
-    status, said, seconds = stopped(BEGINS + busy + WRITES, str(tmp_path / "run"), number=number)
+    status, said, seconds = stopped(BEGINS + busy + WRITES, str(out), number=number)
     assert (status, said) == (130, f"interrupted\n{MORE}")
     assert seconds < 10
     assert not out.parent.exists()
     assert [path.name for path in tmp_path.iterdir() if path.name != "modules"] == []
 
 
-def test_what_was_kept_is_said(tmp_path: Path) -> None:
-    status, said, _ = stopped(BEGINS + LOSES_EXCEPTIONS + KEEPS_PARTS, str(tmp_path / "run"))
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("busy", [LOSES_EXCEPTIONS, KEEPS_THE_INTERPRETER])
+def test_a_second_request_ends_a_command_whatever_it_is_doing(
+    tmp_path: Path, busy: str, number: signal.Signals
+) -> None:
+    """Nothing has its name, and what is left is cleared away by the next command."""
+    out = tmp_path / "run"
+    status, _, seconds = stopped(BEGINS + busy + WRITES, str(out), number=number, again_after_s=1.2)
+    assert status == 130
+    assert seconds < 10
+    assert not out.exists()
+    with claim(out, command="fit"):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_signals_at_once_are_one_request(tmp_path: Path) -> None:
+    status, said, _ = stopped(BEGINS + SLEEPS + WRITES, str(tmp_path / "run"), again_after_s=0.0)
+    assert (status, said) == (130, f"interrupted\n{MORE}")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("busy", [SLEEPS, CHANGES_EXCEPTIONS])
+def test_what_was_kept_is_said(tmp_path: Path, busy: str) -> None:
+    status, said, _ = stopped(BEGINS + busy + KEEPS_PARTS, str(tmp_path / "run"))
     assert (status, said) == (130, f"interrupted; run the same command again to go on from here\n{MORE}")
     assert [path.name for path in tmp_path.iterdir()] == [".run.unfinished"]
 
 
-A_WHOLE_STEP = """
-with stopping.whole_step():
-    print("ready", flush=True)
-    time.sleep(1)
-    Path(sys.argv[1]).write_text("whole")
-Path(sys.argv[1]).write_text("too late")
-"""
-
-
-def test_a_step_that_has_begun_is_finished(tmp_path: Path) -> None:
-    status, said, _ = stopped(BEGINS + A_WHOLE_STEP, str(tmp_path / "file"))
-    assert (status, said) == (130, f"interrupted\n{MORE}")
-    assert (tmp_path / "file").read_text() == "whole"
+def test_results_that_stand_are_said() -> None:
+    status, said, _ = stopped(BEGINS + SLEEPS + ADDS_A_PAGE)
+    assert (status, said) == (130, f"interrupted; the results are in run; again\n{MORE}")
 
 
 WITH_WORKERS = """
-from bayestissue import runtime
-from bayestissue.results import scratch
-if __name__ == "__main__":
-    with scratch() as told, runtime.worker_pool(1, told) as pool:
+def computes():
+    quieten_libraries()
+    with worker_pool(1) as pool:
         future = pool.submit(time.sleep, 60)
         while not pool._processes or not future.running():
             time.sleep(0.1)
         print(*pool._processes, file=sys.stderr)
         print("ready", flush=True)
         time.sleep(60)
+main(computes)
 """
 
 
@@ -149,10 +200,7 @@ def test_worker_processes_end_with_the_process_that_began_them(
 
 
 @pytest.mark.slow
-def test_worker_processes_end_where_the_process_that_began_them_was_killed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
+def test_worker_processes_end_where_the_process_that_began_them_was_killed() -> None:
     status, said, _ = stopped(BEGINS + WITH_WORKERS, number=signal.SIGKILL)
     assert status == -signal.SIGKILL
     assert not alive(int(said))

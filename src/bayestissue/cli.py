@@ -46,7 +46,7 @@ STATUSES = {
     2: "the input is wrong, nothing written",
     options.FAILED_DIAGNOSTICS: "finished, but the sampler's diagnostics failed, or a check of `selftest` or "
     "`certify`",
-    4: "the results are written, but not their page, or in another folder, as the message says",
+    4: "the results are written, but not their page, as the message says",
     5: "the machine failed (a full disk, say), nothing kept but what the message names",
     stopping.INTERRUPTED: "interrupted",
 }
@@ -139,8 +139,6 @@ def main() -> None:
         _leave(5, said, *getattr(error, "__notes__", ()), _FAILED)
     except MemoryError as error:
         _leave(5, "could not go on: there is not enough memory", *getattr(error, "__notes__", ()), _FAILED)
-    except KeyboardInterrupt as error:
-        _leave(stopping.INTERRUPTED, stopping.interrupted(*getattr(error, "__notes__", ())))
 
 
 def _leave(status: int, *said: str) -> NoReturn:

@@ -257,8 +257,7 @@ class Fit(Outlined):
         results.require_file(
             Path(draws),
             "--draws",
-            suffixes=DRAWS_AS,
-            is_own=is_draws,
+            results.FileKind(DRAWS_AS, is_draws),
             overwrite=overwrite,
             inputs=read,
         )
@@ -315,7 +314,7 @@ class Fit(Outlined):
 
         Raises:
             InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
-            PartialResultError: the results are written, but not the page, or not where they were to go.
+            PartialResultError: the results are written, but not the page.
         """
         path = Path(path)
         if path.suffix == ".html":

@@ -7,7 +7,10 @@ import hashlib
 import os
 import platform
 import re
+import signal
 import sys
+import threading
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -16,10 +19,11 @@ from datetime import UTC, datetime
 from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
-from bayestissue import stopping
+from bayestissue.stopping import INTERRUPTED
 
 # Of run folders: raised where this version no longer reads what the one before it wrote.
 FORMAT = 1
@@ -39,6 +43,10 @@ _CACHE = {
 # What JAX calls an entry, wherever the folder is that somebody named.
 _ENTRY = re.compile(r".+-[0-9a-f]{64}-cache")
 _MOST_KEPT, _KEPT = 1_000_000_000, 800_000_000
+# loky takes for a leak, and restarts with a warning, a process that has grown by 0.3 GB since its first task.
+# A pool's first task is next to nothing: whatever is imported and compiled for the work itself comes later.
+# All processes end with the work that they were begun for.
+_NO_RECYCLING = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
 
 
 def _allowed() -> tuple[int, ...]:
@@ -264,11 +272,15 @@ def _processor() -> str:
     return " ".join(sorted({line for line in lines if line.startswith(("model name", "flags"))}))
 
 
-def settle(folder: str, allowed: tuple[int, ...]) -> None:
+def settle(parent: int, folder: str, allowed: tuple[int, ...]) -> None:
     """Set up a worker process: bind it to a core that no other worker in ``folder`` has taken, then as above.
 
-    ``folder`` is an existing folder; a file in it marks one of the ``allowed`` cores as taken.
+    Args:
+        parent: the process that began it, with which it ends.
+        folder: an existing one; a file in it marks one of the ``allowed`` cores as taken.
+        allowed: cores.
     """
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     for core in allowed:
         try:
             os.close(os.open(f"{folder}/core-{core}", os.O_CREAT | os.O_EXCL))
@@ -280,13 +292,49 @@ def settle(folder: str, allowed: tuple[int, ...]) -> None:
 
 
 @contextmanager
-def worker_pool(workers: int, folder: Path) -> Iterator[Any]:
-    """A loky executor of processes set up by `settle`; they end with the block. ``folder`` is a new one."""
-    pool = stopping.begin_workers(os.getpid, workers, initializer=settle, initargs=(str(folder), CORES))
+def worker_pool(workers: int) -> Iterator[Any]:
+    """A loky executor of processes set up by `settle`.
+
+    They end with the block, and with this process, and leave a Ctrl-C, which a terminal sends to all
+    processes, to it.
+    """
+    from multiprocessing import resource_tracker as of_python
+
+    from loky import ProcessPoolExecutor
+    from loky.backend import resource_tracker
+
+    # Either lets signals through again when it begins, so that must be before the workers do.
+    resource_tracker.ensure_running()
+    of_python.ensure_running()
+    with TemporaryDirectory(prefix="bayestissue-") as folder:
+        to_settle = (os.getpid(), folder, CORES)
+        pool = ProcessPoolExecutor(workers, initializer=settle, initargs=to_settle, env=_NO_RECYCLING)
+        try:
+            with _ctrl_c_held():
+                pool.submit(os.getpid)
+            yield pool
+        finally:
+            pool.shutdown(wait=True, kill_workers=True)
+
+
+@contextmanager
+def _ctrl_c_held() -> Iterator[None]:
+    """A block that a Ctrl-C waits for, and whose processes never get one."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        yield pool
+        yield
     finally:
-        stopping.end_workers(pool)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_with(parent: int) -> None:
+    """End this process where the one that began it has ended."""
+    while os.getppid() == parent:
+        time.sleep(1)
+    os._exit(INTERRUPTED)
 
 
 def _bind(core: int | None) -> None:

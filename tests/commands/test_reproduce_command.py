@@ -89,7 +89,7 @@ def stopped(folder: Path, signal_number: int) -> int:
     )
     try:
         until = time.monotonic() + 60
-        while not list(folder.glob(".run.partial-*")):
+        while not list(folder.glob(".run.partial")):
             assert program.poll() is None, "ended before it began to write"
             assert time.monotonic() < until
             time.sleep(0.05)

@@ -97,6 +97,13 @@ def test_the_default_formula_has_the_factors_that_are_asked_for() -> None:
     assert study.analyses[0].model.reference_mass_kg == 0.7
 
 
+def test_questions_name_a_factor_in_any_case() -> None:
+    factor = {"name": "Side", "levels": ["left", "right"]}
+    content = PLAN | {"candidates": {**PLAN["candidates"], "factors": [factor]}}
+    formula = study_of(plan_of(content, "plan.toml"), "plan.toml").analyses[0].model.formula
+    assert formula.K == "log(mass_kg) + Side + (1|subject) + (1|trial) + (1|subject:Side)"
+
+
 def test_a_group_of_people_has_no_effects_within_a_person() -> None:
     sex = {"name": "sex", "levels": ["f", "m"], "of_people": True}
     content = PLAN | {

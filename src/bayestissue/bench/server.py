@@ -13,7 +13,6 @@ from importlib.util import find_spec
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Protocol
 
-from bayestissue import stopping
 from bayestissue.errors import InputError
 
 if TYPE_CHECKING:
@@ -231,12 +230,12 @@ def serve(view: View, port: int, say: Callable[[str], None], work: Callable[[], 
         view: what the page shows.
         port: on this machine; a free one if 0.
         say: told the address.
-        work: of a thread of its own; what it raises ends the server and is raised.
+        work: what it raises ends the server.
 
     Raises:
         InputError: another program has the port.
     """
-    token, raised = secrets.token_urlsafe(24), list[BaseException]()
+    token = secrets.token_urlsafe(24)
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listener:
         try:
             listener.bind((HOST, port))
@@ -245,18 +244,16 @@ def serve(view: View, port: int, say: Callable[[str], None], work: Callable[[], 
             raise InputError.stated("no-campaign.port", "--port", value=error.strerror, port=port) from None
         port = listener.getsockname()[1]
         server = configured(application(view, port, token))
-
-        def go_on() -> None:
-            try:
-                while work is not None and not server.should_exit:
-                    work()
-            except BaseException as error:
-                raised.append(error)
-                server.should_exit = True
-
+        # In a thread of its own, where it leaves a request to stop to this one.
+        serving = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
         say(f"open http://{HOST}:{port}/?token={token}")
-        with stopping.explained(lambda: "what was decided is written"):
-            threading.Thread(target=go_on, daemon=True).start()
-            server.run(sockets=[listener])
-    if raised:
-        raise raised[0]
+        serving.start()
+        try:
+            while serving.is_alive():
+                work() if work else time.sleep(_LOOK_S)
+        except KeyboardInterrupt as request:
+            request.add_note("what was decided is written")
+            raise
+        finally:
+            server.should_exit = True
+            serving.join()

@@ -41,7 +41,7 @@ from bayestissue.one_impact import impact as one_impact
 from bayestissue.report.wording import PREDICTED, estimated
 from bayestissue.results import put
 from bayestissue.results.files import file_sha256
-from bayestissue.results.mark import discard, require_left_over, start_job
+from bayestissue.results.manifest import discard, mark_unfinished, require_left_over
 from bayestissue.signal.quality.inspection import KINDS, inspect
 from bayestissue.words import Words
 
@@ -107,8 +107,7 @@ class Watch:
         drops.order = list(order.rows) or drops.order
         self._incoming = drops.folder / _INCOMING
         require_left_over(self._incoming)
-        if self._incoming.exists():
-            discard(self._incoming)
+        discard(self._incoming)
         if self.drops.chosen:
             self.drops.notes.append(f"set on the page: {facts_words(dict(self.drops.chosen))}")
 
@@ -425,7 +424,8 @@ class Watch:
         source, incoming = self.recordings / name, self._incoming / name
         try:
             if not self._incoming.exists():
-                start_job(self._incoming)
+                self._incoming.mkdir(mode=0o700)
+                mark_unfinished(self._incoming)
             incoming.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, incoming)
             sha256 = file_sha256(incoming)

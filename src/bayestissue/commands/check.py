@@ -152,7 +152,7 @@ def _range(values: pd.Series, unit: str, digits: int = 6) -> str:
     return f"{ends[0]}{unit}" if low == high else f"{ends[0]} to {ends[1]}{unit}"
 
 
-def _write(target: results.Place, checked: Check) -> None:
+def _write(target: results.OutputFolder, checked: Check) -> None:
     from bayestissue.report.run_folder import after_results
 
     with target.folder() as staging:

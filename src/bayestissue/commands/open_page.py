@@ -34,7 +34,7 @@ def run(
     from bayestissue.bench.server import require_server, serve
     from bayestissue.commands.console import echo
     from bayestissue.dataset.settings import FILE as SETTINGS
-    from bayestissue.results import locked_in_place
+    from bayestissue.results import locked
 
     is_run = (folder / "run.json").is_file()
     if not is_run and not (folder / SETTINGS).is_file():
@@ -47,7 +47,7 @@ def run(
 
             why_not = ""
             try:
-                locks.enter_context(locked_in_place(folder))
+                locks.enter_context(locked(folder))
                 writable = os.access(folder, os.W_OK)
             except InputError as error:
                 if error.problems[0].code != "out-unwritable":
@@ -64,7 +64,7 @@ def run(
         fit, decisions, why_not = read_run(folder), None, ""
         try:
             decisions = decisions_on(fit, dataset)
-            locks.enter_context(locked_in_place(decisions.folder))
+            locks.enter_context(locked(decisions.folder))
         except InputError as error:
             decisions, why_not = None, f"Questions only: no impact can be left out here. {error.problems[0]}"
             echo(why_not)

@@ -204,7 +204,6 @@ def write(
 
     Raises:
         InputError: everything that is wrong; nothing is written then.
-        PartialResultError: the results could not take their place, and are beside it.
     """
     if intake.questions:
         raise intake.unanswered()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from bayestissue.dataset.cells import alike
 from bayestissue.elements import element
 from bayestissue.errors import InputError, Problem, collected
 from bayestissue.finished import read_run
@@ -197,7 +198,7 @@ def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
             continue
         for level in named:
             if level.value is not None and level.column not in _STANDARD:
-                levels.setdefault(level.column, {})[level.value] = None
+                levels.setdefault(alike(level.column, levels), {})[level.value] = None
     return [{"name": name, "levels": list(values)} for name, values in levels.items() if len(values) > 1]
 
 
@@ -212,8 +213,9 @@ def _adapted(
     reference: float,
 ) -> dict[str, str]:
     """The default formula with the factors that are asked for, less what the design can't tell."""
+    factors = [factor.name for factor in plan.candidates.factors]
     named = {
-        level.column
+        alike(level.column, factors)
         for question in questions
         for quantity in quantities(parse(question.text))
         for level in quantity.levels

@@ -18,6 +18,7 @@ from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, grouping_of
 from bayestissue.inference.answers.fixed import confounded
+from bayestissue.inference.answers.meaning import as_recorded
 from bayestissue.outline import Outlined, Rows, short
 from bayestissue.planning.analysis import Study, factors_named, study_of
 from bayestissue.planning.assurance import Assessment, Goal, Progress
@@ -359,7 +360,7 @@ def _held_open(case: Case, goals: Sequence[Goal]) -> dict[str, list[dict[str, An
     return {
         goal.name: [
             {"term": str(term), "levels": len(grouping_of(rows, term.factors).levels), "of": term.grouping}
-            for term in confounded(goal.node, recorded)
+            for term in confounded(as_recorded(goal.node, recorded, None), recorded)
         ]
         for goal in goals
     }

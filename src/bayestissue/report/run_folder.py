@@ -14,11 +14,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue import stopping
 from bayestissue.errors import InputError, PartialResultError, Problem
 from bayestissue.outline import short
 from bayestissue.remedies import Code
-from bayestissue.results import damaged, whole_file
+from bayestissue.results import require_as_written, whole_file
 from bayestissue.results.tables import AGAIN, HELD, wrong_in
 from bayestissue.runtime import FORMAT
 
@@ -77,11 +76,7 @@ def read_about(folder: Path) -> dict[str, Any]:
     if not path.is_file():
         expected = "a file that every finished run holds"
         raise InputError(wrong_in(path, expected, value="no such file", code="not-a-run"))
-    if problems := [
-        wrong_in(folder / name, written, value=current)
-        for name, (written, current) in damaged(folder).items()
-    ]:
-        raise InputError(problems)
+    require_as_written(folder)
     record = read_json(path)
     if not isinstance(record.get("kind"), str):
         keys = ", ".join(record) or "no keys"
@@ -257,15 +252,16 @@ def after_results(
     Raises:
         PartialResultError: whatever failed in the block, in one line.
     """
-    with stopping.explained(lambda: f"the results are in {folder}; {again}"):
-        try:
-            yield
-        except Exception as error:
-            what = short(" ".join(f"{type(error).__name__}: {error}".split()), 300)
-            raise PartialResultError(
-                f"the results are in {folder}, but {failed} ({what}); {again}",
-                code=code,
-            ) from error
+    try:
+        yield
+    except KeyboardInterrupt as request:
+        request.add_note(f"the results are in {folder}; {again}")
+        raise
+    except Exception as error:
+        what = short(" ".join(f"{type(error).__name__}: {error}".split()), 300)
+        raise PartialResultError(
+            f"the results are in {folder}, but {failed} ({what}); {again}", code=code
+        ) from error
 
 
 # Of each kind of run: the module with its page, and the function that makes it.

@@ -8,13 +8,10 @@ import json
 import os
 import secrets
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
-
-from bayestissue import stopping
 
 # Of what HDF5 adds to the numbers themselves.
 _MARGIN, _OVERHEAD = 1.05, 500_000
@@ -74,10 +71,12 @@ def whole_file(path: Path) -> Iterator[Path]:
     path = Path(path).absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
     staging = path.parent / f".{path.name}.partial-{secrets.token_hex(4)}{path.suffix}"
-    with passing(staging):
+    try:
         os.close(os.open(staging, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o644))
         yield staging
         put(staging, path)
+    finally:
+        remove(staging)
 
 
 def put(staging: Path, path: Path) -> None:
@@ -111,23 +110,6 @@ def file_sha256(path: Path) -> str:
     """The SHA-256 digest of a file's bytes, in hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-@contextmanager
-def scratch() -> Iterator[Path]:
-    """A folder for the length of a block, among the machine's temporary ones."""
-    folder = Path(tempfile.gettempdir()) / f"bayestissue-{secrets.token_hex(8)}"
-    with passing(folder):
-        folder.mkdir(mode=0o700)
-        yield folder
-
-
-@contextmanager
-def passing(path: Path) -> Iterator[None]:
-    """What the block makes at ``path`` is gone after it, also where the process is asked to stop."""
-    # Known before it is there, so that no moment of interruption leaves it behind.
-    with stopping.ended_by(lambda: remove(path)):
-        yield
 
 
 def remove(path: Path) -> None:

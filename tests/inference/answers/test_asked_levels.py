@@ -14,8 +14,9 @@ from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.law import NO_LAW, moving, unfit_height
-from bayestissue.inference.answers.meaning import beyond_notes
+from bayestissue.inference.answers.meaning import beyond_notes, draws_of
 from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
 from designs import contrasts, design_of, impacts
@@ -113,6 +114,12 @@ def test_columns_and_levels_are_found_whatever_their_case(study: Finished) -> No
     }.items():
         found, expected = (ask(study, numbered([one])).drop(columns="question") for one in (text, meant))
         pd.testing.assert_frame_equal(found, expected)
+    # So do the studies of a plan, which have only read the text.
+    drawn = [
+        draws_of(parse(text), study.posterior, study.recorded) for text in ("K[Side=LEFT]", "K[side=left]")
+    ]
+    np.testing.assert_array_equal(*drawn)
+    assert drawn[0].std() > 0
     with pytest.raises(InputError, match="Near: side"):
         ask(study, numbered(["K[Sidee=left]"]))
     with pytest.raises(InputError, match="Near: left"):

@@ -24,7 +24,7 @@ from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.oscillator.impact import peak_displacement, time_to_peak
-from bayestissue.results.mark import write_mark
+from bayestissue.results.manifest import write_manifest
 from make_fit_run import make_fit_run
 
 AT = pd.DataFrame(
@@ -248,7 +248,7 @@ def test_draws_are_whole_or_not_there_and_cost_no_other_file(run: Fit, tmp_path:
         run.predict(at, draws=path, overwrite=True)
     assert path.read_text(encoding="utf-8") == "something else"
     assert run.folder is not None
-    write_mark(run.folder, "fit")
+    write_manifest(run.folder, "fit")
     with pytest.raises(InputError, match="a folder inside other results"):
         run.predict(at, draws=run.folder / "posterior.nc", overwrite=True)
     with pytest.raises(InputError, match="masskg"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 import warnings
-from pathlib import Path
 
 import pytest
 
@@ -24,8 +23,8 @@ def grown(megabytes: int) -> int:
     return os.getpid()
 
 
-def test_a_worker_whose_work_takes_memory_goes_on(tmp_path: Path) -> None:
-    with warnings.catch_warnings(record=True) as warned, runtime.worker_pool(1, tmp_path) as pool:
+def test_a_worker_whose_work_takes_memory_goes_on() -> None:
+    with warnings.catch_warnings(record=True) as warned, runtime.worker_pool(1) as pool:
         warnings.simplefilter("always")
         futures = [pool.submit(grown, megabytes) for megabytes in (400, 1, 1)]
         processes = {future.result() for future in futures}

@@ -463,6 +463,7 @@ def draws_of(node: Node, draws: xr.Dataset, recorded: Recorded, law: Law | None 
         KeyError: these draws lack a variable.
         QuestionError: a number is none in some draws, as the log of a negative one.
     """
+    node = as_recorded(node, recorded, draws)
     with np.errstate(all="ignore"):
         value = _value(node, draws, recorded, law)
         blank = xr.zeros_like(draws[_DRAWN[0]] * draws[_DRAWN[1]])

@@ -16,7 +16,6 @@ from typing import Any
 
 from bayestissue import runtime
 from bayestissue.errors import InputError, Problem
-from bayestissue.results import scratch
 
 # Workers that die this often without an item done between are no accident.
 _DEATHS = 5
@@ -74,7 +73,7 @@ def _in_workers(function: Callable[[Any], Any], items: Sequence[Any], jobs: int)
 
     left, deaths = set(range(len(items))), 0
     while left:
-        with scratch() as places, runtime.worker_pool(min(jobs, len(left)), places) as pool:
+        with runtime.worker_pool(min(jobs, len(left))) as pool:
             futures = {pool.submit(function, items[number]): number for number in sorted(left)}
             try:
                 for future in as_completed(futures):
