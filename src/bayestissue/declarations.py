@@ -78,9 +78,9 @@ def taking[**P, R](
     """
 
     def decorated(function: Callable[P, R]) -> Callable[P, R]:
-        signature = inspect.signature(function)
+        signature = inspect.signature(function, eval_str=True)
         *before, _ = signature.parameters.values()
-        parameters = [*before, *(parameter for parameter, _ in arguments.values())]
+        parameters = [*before, *(one.replace(name=name) for name, (one, _) in arguments.items())]
 
         @wraps(function)
         def called(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -92,8 +92,9 @@ def taking[**P, R](
             textwrap.fill(f"{name}: {meaning}", 106, initial_indent=" " * 4, subsequent_indent=" " * 8)
             for name, (_, meaning) in arguments.items()
         )
-        words, _, after = inspect.cleandoc(function.__doc__ or "").partition("\n    **stated:")
-        called.__doc__ = "\n".join([words, *meanings]) + after[after.index("\n\n") :]
+        words, _, stated = inspect.cleandoc(function.__doc__ or "").partition("\n    **stated:")
+        _, gap, after = stated.partition("\n\n")
+        called.__doc__ = "\n".join([words, *meanings]) + gap + after
         called.__signature__ = checked  # type: ignore[attr-defined]
         return called
 

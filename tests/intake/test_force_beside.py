@@ -12,7 +12,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.errors import InputError
-from bayestissue.intake import Choices, prepare, write
+from bayestissue.intake import choices_of, prepare, write
 from command_line import bayestissue
 from dataset_bench import deceleration
 from page_reader import figures
@@ -38,7 +38,7 @@ def recorded(tmp_path: Path, name: str = "Force (N)", factor: float = 1.0, **fur
 
 
 def made(folder: Path, out: Path, **said: Any) -> Any:
-    choices = Choices(quantity="deceleration", pattern="{subject}_{mass_kg}kg", shared=FACTS_SHARED, **said)
+    choices = choices_of(quantity="deceleration", pattern="{subject}_{mass_kg}kg", given=FACTS_SHARED, **said)
     return write(prepare(folder, choices), out)
 
 

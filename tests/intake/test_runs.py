@@ -11,7 +11,7 @@ import pytest
 
 from bayestissue.dataset.formats import unit_in_name
 from bayestissue.errors import InputError
-from bayestissue.intake import Choices, prepare, write
+from bayestissue.intake import choices_of, prepare, write
 from dataset_bench import deceleration
 
 MASSES = (0.5, 0.7, 0.9)
@@ -43,7 +43,7 @@ def recorded(folder: Path, *tables: dict[str, np.ndarray]) -> Path:
 @pytest.mark.parametrize("how", NAMED)
 def test_files_of_one_run_each_have_the_same_channels(how: str, tmp_path: Path) -> None:
     folder = recorded(tmp_path / "recorded", *(run_of(run, how) for run in (1, 2, 3)))
-    intake = prepare(folder, Choices(quantity="deceleration", shared=SHARED | {"mass_kg": "0.7"}))
+    intake = prepare(folder, choices_of(quantity="deceleration", given=SHARED | {"mass_kg": "0.7"}))
     assert list(intake.recordings.candidates()) == ["Time (s)", "Acceleration (m/s²)", "Force (N)"]
     assert not intake.questions
     data = write(intake, tmp_path / "made").dataset
@@ -60,7 +60,7 @@ def test_a_run_of_several_in_a_file_has_its_own_time_and_unit(run: int, how: str
     folder = recorded(tmp_path / "recorded", columns)
     time, acceleration, force = run_of(run, how)
     said: dict[str, Any] = {"quantity": "deceleration", "shared": SHARED | {"mass_kg": "0.7"}}
-    chosen = Choices(channel=acceleration, force={"value_column": force, "place": "impactor"}, **said)
+    chosen = choices_of(channel=acceleration, force={"value_column": force, "place": "impactor"}, **said)
     data = write(prepare(folder, chosen), tmp_path / "made").dataset
     (trace,), (beside,) = data.traces, data.further[0]
     np.testing.assert_allclose(
@@ -74,7 +74,7 @@ def test_a_question_with_many_answers_lists_some(tmp_path: Path) -> None:
     time, value = deceleration(0.5, 1.2)
     columns = {"Time (s)": time} | {f"a{number} (g)": value for number in range(72)}
     intake = prepare(
-        recorded(tmp_path / "recorded", columns), Choices(quantity="deceleration", shared=SHARED)
+        recorded(tmp_path / "recorded", columns), choices_of(quantity="deceleration", given=SHARED)
     )
     (words,) = [question.wording for question in intake.questions if question.option == "--channel"]
     assert words.endswith("a7 (g) or one of 64 more")

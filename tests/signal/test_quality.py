@@ -50,7 +50,7 @@ def test_a_sound_recording_is_left_alone():
 def test_gravity_that_is_declared_otherwise_than_it_is_is_found(true, declared):
     lab = record([replace(TYPICAL, gravity=true)] * COUNT, 1e4, before=0.03, after=0.03, noise=0.005)
     words = f"looks like {'no ' * (true == 0)}gravity along the motion"
-    rows = flags(lab.with_settings(gravity=declared))
+    rows = flags(replace(lab, gravity=declared))
     assert [any(flag.startswith(words) for flag in row) for row in rows] == [true != declared] * COUNT
     assert true != declared or rows == [[]] * COUNT
 
@@ -120,7 +120,7 @@ def test_a_velocity_that_is_off_as_much_as_declared_is_no_late_beginning():
     lab = record([TYPICAL] * COUNT, 1e4, before=0.0, after=0.03, noise=0.005)
     lab.impacts["velocity_m_s"] *= 1.02
     assert all("begins above zero: after contact, or with an offset" in row for row in flags(lab))
-    declared = lab.with_settings(uncertainty=Uncertainty(velocity_sd_m_s=0.02 * TYPICAL.velocity))
+    declared = replace(lab, uncertainty=Uncertainty(velocity_sd_m_s=0.02 * TYPICAL.velocity))
     assert flags(declared) == [[]] * COUNT
 
 

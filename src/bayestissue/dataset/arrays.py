@@ -22,12 +22,12 @@ from bayestissue.dataset.read import checked_dataset
 from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import (
+    PLACES,
     ChannelSettings,
     Settings,
     SignalSettings,
     arguments,
     content_of,
-    keys,
     parse_settings,
     plain_value,
     reworded,
@@ -42,13 +42,13 @@ _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
 _CALLED = {IMPACTS: "impacts (rows from 0)", SETTINGS: "arguments", _LONG: _LONG, _SINGLE: _SINGLE}
 _NAMES = {
     **{f" {where} {SETTINGS}": "" for where in ("in", "to", "of", "than")},
-    **{place: name for name, (place, _) in keys().items()},
+    **{place: name for name, place in PLACES.items()},
     **{"channel.0": "channels", "[[channel]]": "channel in channels", IMPACTS: "the table impacts"},
     **{"the key ": "the argument ", "a table with": "a dictionary with"},
 }
 
 
-@taking(arguments("name"))
+@taking({name: declared for name, declared in arguments().items() if name != "name"})
 def dataset(
     impacts: pd.DataFrame | Mapping[str, Any] | Sequence[Mapping[str, Any]],
     traces: pd.DataFrame | Mapping[Any, Any] | Sequence[Any],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +24,7 @@ from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.errors import InputError, Problem, collected, has_control_characters, refuse
 from bayestissue.literature import SITES
-from bayestissue.settings import Table, checked, parse_toml, read_text, row_of
+from bayestissue.settings import Argument, Table, argument, checked, parse_toml, read_text, row_of
 
 FILE = "dataset.toml"
 STANDARD_GRAVITY = 9.80665
@@ -103,7 +103,7 @@ def _one(channels: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def _stretch(ends: tuple[float, ...]) -> tuple[float, ...]:
-    if len(ends) != 2 or not ends[0] < ends[1]:
+    if len(ends) != 2 or not -math.inf < ends[0] < ends[1] < math.inf:
         raise ValueError("two numbers [start, stop], the first the smaller")
     return ends
 
@@ -139,15 +139,15 @@ class SignalSettings(Stated):
         quantity: what was recorded. deceleration: positive while the impactor slows. acceleration: the
             negative of that. displacement: into the tissue, positive.
         unit: the unit of the recorded values after scale and offset: m/s^2, g, mm, µm ...
+        value_column: the column, channel or variable with the values. A recorder file of one channel needs no
+            name.
+        time_column: the column, channel or variable with the times.
+        time_unit: the unit of the times: s, ms, µs ...
+        scale: raw values are multiplied by it; not 0.
+        offset: is added to them after that.
         limit: the sensor's range in that unit, on either side of its zero: samples there are taken as that or
             beyond. Left out, the greatest value that several recordings share is the limit, and a plateau in
             one of them.
-        time_unit: the unit of the times: s, ms, µs ...
-        time_column: the column, channel or variable with the times.
-        value_column: the column, channel or variable with the values. A recorder file of one channel needs no
-            name.
-        scale: raw values are multiplied by it; not 0.
-        offset: is added to them after that.
         gravity: the part of gravity along the motion: none (a pendulum at its lowest point, a horizontal
             impact), drop (straight down), or a number of m/s², positive into the tissue.
         zero: where an accelerometer read 0: free_fall (it reads force over mass; so it does where a quiet
@@ -161,16 +161,16 @@ class SignalSettings(Stated):
 
     quantity: Quantity
     unit: Name
-    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    time_unit: Name = "s"
-    time_column: Name = "time_s"
     value_column: Name = "value"
+    time_column: Name = "time_s"
+    time_unit: Name = "s"
     scale: Annotated[Finite, AfterValidator(_not_zero)] = 1.0
     offset: Finite = 0.0
+    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     gravity: Gravity = "none"
     zero: Zero = "free_fall"
     contact: Contact | None = None
-    crop: Annotated[tuple[Finite, ...], BeforeValidator(_listed), AfterValidator(_stretch)] | None = None
+    crop: Annotated[tuple[float, ...], BeforeValidator(_listed), AfterValidator(_stretch)] | None = None
 
     @property
     def dimension(self) -> Dimension:
@@ -411,7 +411,7 @@ class Settings(_Table):
         signal: what was recorded and in which units.
         channel: a table [[channel]]: one further channel of the same impacts.
         uncertainty: standard deviations of the measuring chain; a fit carries each into its intervals.
-        recorder: a table [recorder] with low_pass_hz, or with sae_class
+        recorder: a table [recorder] with low_pass_hz, or with sae_class: a low-pass between sensor and file.
         impactor: what hits.
         words: what pages, papers and messages call the units of the study.
     """
@@ -456,38 +456,35 @@ class Settings(_Table):
         return self
 
 
-def keys() -> dict[str, tuple[str, FieldInfo]]:
-    """Of each key that an argument or an option states where it stands, as ``signal.unit``, and its field.
+def keys() -> dict[str, FieldInfo]:
+    """What an argument or an option states, by where it stands, as ``signal.unit``.
 
-    By the name of the argument. How texts are written and further channels are not among them.
+    How texts are written and further channels are not among it.
     """
-    top = {key: (key, field) for key, field in Settings.model_fields.items()}
-    top = {key: top[key] for key in top if key not in ("signal", "channel", "impactor")}
-    signal = SignalSettings.model_fields.items()
+    places: dict[str, type[Table]] = {"signal": SignalSettings, "impactor": ImpactorSettings}
+    further = {key: field for key, field in Settings.model_fields.items() if key not in (*places, "channel")}
     return {
-        **{key: (f"signal.{key}", field) for key, field in signal if key not in Stated.model_fields},
-        **top,
-        **{key: (f"impactor.{key}", field) for key, field in ImpactorSettings.model_fields.items()},
-    }
+        f"{table}.{key}": field
+        for table, schema in places.items()
+        for key, field in schema.model_fields.items()
+        if key not in Stated.model_fields
+    } | further
 
 
-def arguments(*without: str) -> dict[str, tuple[inspect.Parameter, str]]:
-    """An argument for each of `keys`, with what it means: see `bayestissue.declarations.taking`."""
-    kind = inspect.Parameter.KEYWORD_ONLY
+# By the name of the argument that states it: where a key stands.
+PLACES = {place.rpartition(".")[2]: place for place in keys()}
 
-    def argument(name: str, field: FieldInfo) -> inspect.Parameter:
-        default = inspect.Parameter.empty if field.is_required() else field.default
-        return inspect.Parameter(name, kind, default=default, annotation=field.annotation)
 
-    of_keys = {name: field for name, (_, field) in keys().items() if name not in without}
-    return {name: (argument(name, field), str(field.description)) for name, field in of_keys.items()}
+def arguments() -> dict[str, Argument]:
+    """The argument of each of `PLACES`, with what it means."""
+    return {place.rpartition(".")[2]: argument(field) for place, field in keys().items()}
 
 
 def content_of(stated: Mapping[str, Any]) -> dict[str, Any]:
     """The content of ``dataset.toml`` that arguments state, by their names; None states nothing."""
     content: dict[str, Any] = {}
     for name, value in stated.items():
-        *table, key = keys()[name][0].split(".")
+        *table, key = PLACES[name].split(".")
         if value is not None:
             (content.setdefault(table[0], {}) if table else content)[key] = plain_value(value)
     return content
@@ -495,6 +492,8 @@ def content_of(stated: Mapping[str, Any]) -> dict[str, Any]:
 
 def plain_value(value: Any) -> Any:
     """The value as Python's own; what is none is left for the settings to refuse."""
+    if isinstance(value, Table):
+        return value.model_dump(exclude_unset=True)
     if isinstance(value, Mapping):
         return {str(key): plain_value(inner) for key, inner in value.items()}
     return value.tolist() if hasattr(value, "tolist") else value

@@ -20,7 +20,7 @@ from bayestissue.outline import first_of
 from bayestissue.report.page import render_page
 from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Row, Table, columns, frame_table
-from bayestissue.signal import Displacements, displacements
+from bayestissue.signal import Displacements
 from bayestissue.signal.force import Force
 from bayestissue.signal.traces import stack
 from bayestissue.words import Words
@@ -280,6 +280,7 @@ MOST_INIT_PANELS = 120
 
 def init_page(
     dataset: Dataset,
+    signal: Displacements,
     *,
     understood: Sequence[tuple[str, str]],
     left_out: Sequence[Problem],
@@ -289,13 +290,13 @@ def init_page(
 
     Args:
         dataset: as it was read back.
+        signal: its decelerations and displacements.
         understood: pairs of a heading and words.
         left_out: what was wrong with recordings that are not in the dataset.
         notes: what somebody should know who does not look at the panels.
     """
     total = len(dataset.impacts)
     which = np.arange(min(total, MOST_INIT_PANELS))
-    signal = displacements(dataset)
     return render_page(
         "init.html",
         dataset=dataset,

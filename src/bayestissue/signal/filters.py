@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -65,7 +64,7 @@ def autocorrelation(
     """
     if recorder.digital:
         return _of_samples(recorder, np.abs(lag), dt)
-    upper, weights = modes(replace(recorder, zero_phase=True))
+    upper, weights = modes(recorder.model_copy(update={"zero_phase": True}))
     time = dt * np.abs(lag)[..., None, None]
     if not recorder.zero_phase:
         correlation = (weights * np.exp(upper * time[..., 0])).sum(-1).real
