@@ -59,7 +59,7 @@ def test_a_run_of_several_in_a_file_has_its_own_time_and_unit(run: int, how: str
     columns = {name: values for number in (1, 2, 3) for name, values in run_of(number, how).items()}
     folder = recorded(tmp_path / "recorded", columns)
     time, acceleration, force = run_of(run, how)
-    said: dict[str, Any] = {"quantity": "deceleration", "shared": SHARED | {"mass_kg": "0.7"}}
+    said: dict[str, Any] = {"quantity": "deceleration", "given": SHARED | {"mass_kg": "0.7"}}
     chosen = choices_of(channel=acceleration, force={"value_column": force, "place": "impactor"}, **said)
     data = write(prepare(folder, chosen), tmp_path / "made").dataset
     (trace,), (beside,) = data.traces, data.further[0]
