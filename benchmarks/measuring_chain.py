@@ -19,8 +19,7 @@ from coverage import MEASURING_CHAIN
 from evidence import recorded
 
 from bayestissue import runtime
-from bayestissue.dataset import Dataset
-from bayestissue.dataset.model import Trace
+from bayestissue.dataset import Dataset, Trace
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.checking.incredible import RATE, alarms

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset import Dataset, Trace
 from bayestissue.dataset.settings import Quantity, Settings, SignalSettings
 from bayestissue.simulation.campaign import simulate
 from bayestissue.simulation.contact import leaves

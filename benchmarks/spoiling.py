@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from sound import FINE_HZ, Chain, Impact, chain, dataset
 
-from bayestissue.dataset.checks import check_recordings
-from bayestissue.dataset.model import Dataset, Trace
-from bayestissue.dataset.recordings import Recordings, Samples
+from bayestissue.dataset import Dataset, Trace
+from bayestissue.dataset.checks import Recordings, check_recordings
 from bayestissue.dataset.settings import Quantity
+from bayestissue.dataset.traces import Samples
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.signal.quality import inspection
 
@@ -373,9 +373,7 @@ def _said(data: Dataset, table: pd.DataFrame) -> pd.Series:
         ["traces.csv"] * len(values),
         np.arange(start[-1]) + 2,
     )
-    verdicts = check_recordings(
-        Recordings.with_impacts(samples, data.impacts, data.quantity, data.uncertainty)
-    )
+    verdicts = check_recordings(Recordings(samples, data.impacts, data.quantity, data.uncertainty))
     refused = pd.Series("", index=data.impacts["impact"])
     for problem in (*verdicts.warnings, *verdicts.problems):
         refused[problem.impact or ""] = f"refused or warned of: not {problem.expected.split(':')[0]}"

@@ -38,11 +38,10 @@ STAGES = {
         *("levels_table", "loops_table", "curves_table"),
     ),
     "fitting": ("judge", "agreement"),
-    "finished": ("write_run",),
+    "results": ("write_table", "write_tree"),
     "report.fit.page": ("page_of", "render_page"),
     "report.fit.study": ("contrasts_table", "reliability_table", "prior_words"),
     "report.page": ("drawn",),
-    "report": ("draw_page",),
 }
 # What a study asks of a fit: comparisons, reliability, agreement of methods, and their part of a page.
 STUDY = (
@@ -112,12 +111,11 @@ def main(dataset: str = "data/example", model: str = "models/impact.toml") -> No
 
     runtime.keep_compiled()
     runtime.configure(one_core=True)
-    from bayestissue.commands import fit
+    from bayestissue.commands.fit import fit
 
     _time_stages()
     with tempfile.TemporaryDirectory() as folder:
-        arguments = {"model": model, "scheduler": None, "seed": 0, "skip_bad": False, "quiet": True}
-        timed("all else", fit.run)(Path(dataset), out=Path(folder) / "run", overwrite=False, **arguments)
+        timed("all else", fit)(dataset=Path(dataset), out=Path(folder) / "run", model=model, quiet=True)
     for name, seconds in sorted(spent.items(), key=lambda pair: -pair[1]):
         print(f"{name:26}{seconds:7.2f}")
     print(f"{'together':26}{sum(spent.values()):7.2f}")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
+import io
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import escape
@@ -170,3 +173,44 @@ def workbook(path: Path, sheets: dict[str, list[list[object]]], *, hidden: tuple
             body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
             text = f'<worksheet xmlns="{main}"><sheetData>{body}</sheetData></worksheet>'
             file.writestr(f"xl/worksheets/sheet{n}.xml", text)
+
+
+def acq(path: Path, channels: Mapping[str, np.ndarray], rate: float, units: Mapping[str, str]) -> None:
+    """An AcqKnowledge 3.8.1 file, set by the structures with which bioread reads one."""
+    from bioread import headers
+
+    revision, order = 41, "<"
+    count, samples = len(channels), len(next(iter(channels.values())))
+
+    def filled(kind: type, **fields: object) -> ctypes.LittleEndianStructure:
+        header = kind.for_revision(revision, order)  # type: ignore[attr-defined]
+        structure: ctypes.LittleEndianStructure = header._struct_class()
+        for name, content in fields.items():
+            setattr(structure, name, content)
+        return structure
+
+    graph = filled(headers.GraphHeader, lVersion=revision, nChannels=count, dSampleTime=1000 / rate)
+    graph.lExtItemHeaderLen = ctypes.sizeof(graph)
+    out = io.BytesIO()
+    out.write(bytes(graph))
+    for number, name in enumerate(channels):
+        channel = filled(
+            headers.ChannelHeader,
+            nNum=number,
+            szCommentText=name.encode(),
+            szUnitsText=units.get(name, "").encode(),
+            lBufLength=samples,
+            dAmplScale=1.0,
+            dAmplOffset=0.0,
+            nChanOrder=number,
+            nVarSampleDivider=1,
+        )
+        channel.lChanHeaderLen = ctypes.sizeof(channel)
+        out.write(bytes(channel))
+    foreign = filled(headers.ForeignHeader)
+    foreign.nLength = ctypes.sizeof(foreign)
+    out.write(bytes(foreign))
+    for _ in channels:
+        out.write(bytes(filled(headers.ChannelDTypeHeader, nSize=8, nType=1)))
+    out.write(np.column_stack(list(channels.values())).astype("<f8").tobytes())
+    path.write_bytes(out.getvalue())

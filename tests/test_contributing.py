@@ -33,7 +33,7 @@ read = FORMATS[".f64"].read(np.array([1000.0, 0.0, 5.0, 1.0]).tobytes(), "a.f64"
 print("format", read.values.tolist(), read.clock.tolist())
 
 import bayestissue as bt
-from bayestissue.commands import explain
+from bayestissue.commands.texts import explain
 from bayestissue.signal.quality import inspect
 time = np.arange(400) / 1e4
 pulse = 0.5 * np.exp(-(((time - 0.02) / 0.004) ** 2)) + np.random.default_rng(0).normal(0, 1e-3, time.size)
@@ -41,7 +41,7 @@ impacts = {"impact": ["i"], "subject": ["s"], "mass_kg": [1.0], "velocity_m_s": 
 data = bt.dataset(impacts, [(time, pulse)], quantity="deceleration", unit="m/s^2")
 found = {each.kind.flag: each for each in inspect(data)}
 print("check", found["a peak below 1 m/s²"].said, found["a peak below 1 m/s²"].kind.flag.code)
-explain.run(["too-quiet"], as_json=False)
+explain(["too-quiet"], as_json=False)
 
 from types import SimpleNamespace
 from bayestissue.elements import Outcomes
@@ -122,7 +122,7 @@ def test_recipes_work_again_for_another_name(copied: Path) -> None:
     followed(copied / "src", guide)
     formats = (copied / "src/bayestissue/dataset/formats/__init__.py").read_text(encoding="utf-8")
     for name in ("plainfloat", "shortfloat"):
-        assert formats.count(f"    {name},") == formats.count(f"{name}.FORMAT,") == 1
+        assert formats.count(f"    {name},") == formats.count(f"*{name}.FORMATS,") == 1
 
 
 def test_recipes_work_as_they_are_written(copied: Path) -> None:

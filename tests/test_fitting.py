@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayestissue as bt
 from bayestissue import fitting
-from bayestissue.finished import TABLES, write_run
-from bayestissue.fitting import finished_fit, resolve
+from bayestissue.finished import TABLES
+from bayestissue.fitting import FitJob, resolve
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.fit import TraceAnalysis
@@ -49,15 +49,11 @@ def fitted(dataset, tmp_path_factory):
     diagnostics = json.loads((folder / "diagnostics.json").read_text())
     diagnostics["worst"] = {name: {"value": v} for name, v in WORST.items()}
     specification = read_specification(shared("models", "a2.toml"))
-    return finished_fit(
-        dataset,
-        specification,
-        prepare(dataset, specification, source="a2"),
+    prepared = prepare(dataset, specification, source="a2")
+    return FitJob(dataset, specification, prepared, 4).finished(
         TraceAnalysis(tree=tree, diagnostics=diagnostics, **tables),
         estimate(dataset, method="dds"),
-        4,
-        datetime(2026, 1, 1, tzinfo=UTC),
-        61.54,
+        (datetime(2026, 1, 1, tzinfo=UTC), 61.54),
     )
 
 
@@ -98,7 +94,7 @@ def test_a_fit_hands_out_comparisons_reliability_and_agreement(fitted, tmp_path)
     assert {"ICC(C,1)", "ICC(A,1)"} <= set(fitted.reliability["form"])
     assert "prior_overlap" in fitted.reliability
     assert list(fitted.agreement["method"]) == ["dds", "dds"]
-    write_run(fitted, tmp_path)
+    fitted.write(tmp_path)
     for name in ("contrasts", "reliability", "agreement"):
         assert (tmp_path / f"{name}.csv").is_file()
     assert "effective sample sizes at least 900" in fitted.verdict
@@ -247,9 +243,8 @@ def test_structured_residuals_ask_for_a_second_fit(
     specification = read_specification(shared("models", "impact.toml"))
     specification = specification.model_copy(update={"discrepancy": choice})
     prepared = prepare(dataset, specification, source="impact")
-    found = fitting.fit_prepared(
-        dataset, specification, prepared, 1, lambda stage, *_: said.append(stage), checkpoints=tmp_path
-    )
+    job = FitJob(dataset, specification, prepared, 1)
+    found = job.fit(lambda stage, *_: said.append(stage), checkpoints=tmp_path)
     told = found.diagnostics["model_form"]
     # The chain is asked without a discrepancy, and speaks first.
     assert asked == [False]

@@ -15,7 +15,7 @@ import pytest
 
 import bayestissue
 from bayestissue import cli
-from bayestissue.commands import explain
+from bayestissue.commands.texts import explain
 from bayestissue.errors import Coded, InputError, Problem, more
 from bayestissue.inference.samplers.diagnostics import warned_codes, warnings
 from bayestissue.remedies import codes_in, entries, messages
@@ -179,18 +179,18 @@ def test_a_fit_leads_to_its_warnings() -> None:
 
 
 def test_explain_prints_entries_and_lists_them(capsys: pytest.CaptureFixture[str]) -> None:
-    explain.run(["clipped", "hum"], as_json=False)
+    explain(["clipped", "hum"], as_json=False)
     said = " ".join(capsys.readouterr().out.split())
     for code in ("clipped", "hum"):
         for heading, text in entries()[code].parts:
             assert f"{heading} {text}" in said
-    explain.run([], as_json=False)
+    explain([], as_json=False)
     listed = capsys.readouterr().out
     assert all(f"  {code} " in listed for code in entries())
-    explain.run(["hum"], as_json=True)
+    explain(["hum"], as_json=True)
     assert json.loads(capsys.readouterr().out)[0]["effect"] == entries()["hum"].effect
     with pytest.raises(InputError, match="Is it clipped") as refused:
-        explain.run(["cliped"], as_json=False)
+        explain(["cliped"], as_json=False)
     assert refused.value.problems[0].code == "option-value"
 
 

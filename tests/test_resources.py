@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bayestissue import fitting
-from bayestissue.commands import model
+from bayestissue.commands import texts
 from bayestissue.errors import InputError
 from bayestissue.resources import model_content, model_file, model_text, shared
 
@@ -107,7 +107,7 @@ def test_a_file_says_how_it_differs_from_another(elsewhere: Path):
 
 @pytest.mark.parametrize("name", [path.stem for path in sorted(shared("models").glob("*.toml"))])
 def test_a_model_is_printed_whole(name: str, capsys: pytest.CaptureFixture[str]):
-    model.run(name)
+    texts.model(name)
     printed = tomllib.loads(capsys.readouterr().out)
     content = model_content(shared("models", f"{name}.toml"))
     assert {"name": name, **printed} == content

@@ -3,7 +3,7 @@
 import pytest
 
 from bayestissue import cli
-from bayestissue.commands import explain
+from bayestissue.commands.texts import explain
 from bayestissue.errors import InputError
 from bayestissue.remedies import retired
 from bayestissue.resources import model_file, with_base
@@ -79,12 +79,12 @@ def test_so_do_commands_and_options(
 
 
 def test_explain_shows_what_to_do_instead(capsys: pytest.CaptureFixture[str]) -> None:
-    explain.run(["retired"], as_json=False)
+    explain(["retired"], as_json=False)
     listed = " ".join(capsys.readouterr().out.split())
     assert all(
         f"{kind} {name}: {instead}" in listed
         for kind in retired()
         for name, instead in retired()[kind].items()
     )
-    explain.run(["excel"], as_json=False)
+    explain(["excel"], as_json=False)
     assert retired()["option"]["--excel"] in " ".join(capsys.readouterr().out.split())

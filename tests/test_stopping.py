@@ -19,7 +19,7 @@ BEGINS = """
 import gc, sys, time
 from pathlib import Path
 from bayestissue import __main__, cli
-from bayestissue.report.run_folder import after_results
+from bayestissue.result import after_results
 from bayestissue.results import claim
 from bayestissue.runtime import quieten_libraries, worker_pool
 
@@ -57,7 +57,11 @@ def busy():
 
 IN_THE_GARBAGE_COLLECTOR = """
 def busy():
-    gc.callbacks.append(lambda *_: (print("ready", flush=True), time.sleep(60)))
+    def once(*_):
+        gc.callbacks.remove(once)
+        print("ready", flush=True)
+        time.sleep(60)
+    gc.callbacks.append(once)
     gc.collect()
     for _ in range(600):
         time.sleep(0.1)

@@ -19,6 +19,8 @@ _PUBLIC: dict[str, str] = {
     "init_dataset": "bayestissue.intake",
     "Certificate": "bayestissue.certificate.certificate",
     "Check": "bayestissue.checking",
+    "Comparison": "bayestissue.comparing",
+    "Estimates": "bayestissue.estimating",
     "Fit": "bayestissue.finished",
     "Impact": "bayestissue.one_impact",
     "InputError": "bayestissue.errors",
@@ -30,11 +32,12 @@ _PUBLIC: dict[str, str] = {
 _COMPUTED: dict[str, str] = {
     "certify": "bayestissue.certificate.certificate",
     "check": "bayestissue.checking",
+    "compare": "bayestissue.comparing",
     "fit": "bayestissue.fitting",
     "impact": "bayestissue.one_impact",
     "numpyro_model": "bayestissue.fitting",
     "plan": "bayestissue.planning.plan",
-    "estimate": "bayestissue.inference.single.estimates",
+    "estimate": "bayestissue.estimating",
 }
 # What does too, compiled, and takes arrays.
 _NUMERIC: dict[str, str] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -12,26 +13,29 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset import as_dataset
+from bayestissue.dataset.impacts import counts
 from bayestissue.errors import Coded, Problem
 from bayestissue.hierarchy.columns import few_valued
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.results.meanings import few_valued_words
 from bayestissue.inference.single.phantoms import control_chart
-from bayestissue.outline import Outlined, Rows, counted, first_of, short, span
+from bayestissue.outline import Rows, counted, first_of, short, span
 from bayestissue.report.recordings_pages import check_page, kinds, quality_table
+from bayestissue.result import Result
 from bayestissue.results.tables import table_of_rows
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.force import Force, force_beside
 from bayestissue.signal.quality import Finding, inspect, raised
 from bayestissue.signal.quality.low_pass import suspected
+from bayestissue.signal.recorder_noise import white_share
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Check(Outlined):
+class Check(Result):
     """What was found on a dataset that could be read.
 
     Attributes:
@@ -46,6 +50,10 @@ class Check(Outlined):
             `bayestissue.inference.single.phantoms.control_chart`.
     """
 
+    command = "check"
+    page_file = "check.html"
+    files = ("check.html",)
+    about = {}  # noqa: RUF012
     dataset: Dataset
     signal: Displacements
     quality: pd.DataFrame
@@ -100,6 +108,58 @@ class Check(Outlined):
         rows = [{"severity": severity, **problem.as_dict()} for severity, problem in lists]
         return table_of_rows("problems", rows).astype({"row": "Int64"})
 
+    @property
+    def summary(self) -> Rows:
+        """What was recorded, and how well: pairs of a name and words."""
+        data, quality, impacts = self.dataset, self.quality, self.dataset.impacts
+        noise, to_peak = quality["noise_to_peak"], quality["time_to_peak_s"]
+        # Of a slow recording the window goes on to the rebound.
+        until_peak = to_peak * quality["sampling_rate_hz"] // 1 + 1
+        return [
+            ("impacts", counts(impacts)),
+            ("recorded", data.quantity),
+            *([("further channel", str(channel)) for channel in data.channels]),
+            *([("force", self.force.words)] if self.force else []),
+            *([("gravity along the motion", f"{data.gravity:.4g} m/s²")] if data.gravity else []),
+            *([("low-pass", str(data.recorder)), ("noise entered", self._entry)] if data.recorder else []),
+            *([("contact", self.signal.phase.words)] if data.quantity != "displacement" else []),
+            ("samples per impact", span(quality["n_samples"], "", 6)),
+            ("sampling rate", span(quality["sampling_rate_hz"], "Hz", 6)),
+            ("mass", span(impacts["mass_kg"], "kg", 6)),
+            ("velocity at contact", span(impacts["velocity_m_s"], "m/s")),
+            ("time to peak", span(to_peak * 1e3, "ms", 3)),
+            ("samples until the peak", span(quality["samples_in_window"].clip(upper=until_peak), "", 6)),
+            ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
+        ]
+
+    @property
+    def _entry(self) -> str:
+        """Where a recorder's noise entered, in words."""
+        white = white_share(self.dataset, self.signal)
+        if white in {0.0, 1.0}:
+            return f"{'behind' if white else 'before'} the low-pass"
+        return f"before the low-pass, and {white:.0%} of it behind"
+
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """``quality.csv`` and ``problems.csv``."""
+        return {"quality": self.quality, "problems": self.problems}
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything but the page."""
+        data = self.dataset
+        return {
+            "dataset": data.name,
+            "verdict": self.verdict,
+            "impacts": len(data.impacts),
+            "input_hash": data.input_hash,
+            "left_out": [problem.as_dict() for problem in data.left_out],
+            "warnings": [problem.as_dict() for problem in self.warnings],
+            "notes": self.notes,
+            **({"force": _plain(self.force)} if self.force else {}),
+            "quality": json.loads(self.quality.to_json(orient="records")),
+        }
+
     def page(self) -> str:
         """The HTML of the page with a panel for each impact."""
         return check_page(
@@ -111,6 +171,19 @@ class Check(Outlined):
             force=self.force,
             phantoms=self.phantoms,
         )
+
+
+def _plain(force: Force) -> dict[str, Any]:
+    (ratio, scatter), (lag, lag_sd) = force.common, force.common_lag
+    lags = {} if force.impulse else {"lag_s": lag, "lag_sd_s": lag_sd}
+    return {
+        "channel": force.channel.name,
+        "ratio": ratio,
+        "ratio_sd": force.total_sd,
+        "ratio_scatter": scatter,
+        **lags,
+        "contradicts": force.contradicts,
+    }
 
 
 def check(dataset: Dataset | str | Path) -> Check:

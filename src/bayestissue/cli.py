@@ -20,23 +20,16 @@ import typer.core
 
 from bayestissue import runtime, stopping
 from bayestissue.commands import (
-    certify,
-    check,
-    compare,
-    estimate,
-    explain,
-    export,
+    datasets,
+    delivery,
     finished_runs,
     fit,
     init,
-    model,
-    open_page,
-    options,
+    live,
     plan,
     reproduce,
     selftest,
-    simulate,
-    watch,
+    texts,
 )
 from bayestissue.declarations import described
 from bayestissue.errors import InputError, PartialResultError, Problem, by_cause, more, printable
@@ -46,8 +39,8 @@ STATUSES = {
     0: "done",
     1: "whoever read the output closed it",
     2: "the input is wrong, nothing written",
-    options.FAILED_DIAGNOSTICS: "finished, but the sampler's diagnostics failed, or a check of `selftest` or "
-    "`certify`",
+    delivery.FAILED_DIAGNOSTICS: "finished, but the sampler's diagnostics failed, or a check of `selftest` "
+    "or `certify`",
     4: "the results are written, but not their page, as the message says",
     5: "the machine failed (a full disk, say), nothing kept but what the message names",
     stopping.INTERRUPTED: "interrupted",
@@ -73,7 +66,7 @@ class _Init(_Command):
     @cached_property
     def _whole(self) -> Any:
         made = typer.Typer(add_completion=False)
-        function, words = options.documented(init.with_options())
+        function, words = delivery.documented(init.with_options())
         made.command(self.name, help=words)(function)
         return typer.main.get_command(made)
 
@@ -117,18 +110,18 @@ app = typer.Typer(
 _FAILED = more(["machine-failed"])
 
 _COMMANDS: dict[str, Callable[..., None]] = {
-    **{"plan": plan.run, "init": init.run, "check": check.run, "simulate": simulate.run},
-    **{"estimate": estimate.run, "model": model.run},
-    **{"fit": fit.run, "reproduce": reproduce.run, "report": finished_runs.report, "compare": compare.run},
-    **{"ask": finished_runs.ask, "predict": finished_runs.predict},
-    **{"export": export.run, "watch": watch.run, "open": open_page.run, "explain": explain.run},
-    **{"selftest": selftest.run, "certify": certify.run},
+    **{"plan": plan.plan, "init": init.run, "check": datasets.check, "simulate": datasets.simulate},
+    **{"estimate": datasets.estimate, "model": texts.model},
+    **{"fit": fit.fit, "reproduce": reproduce.reproduce, "report": finished_runs.report},
+    **{"compare": finished_runs.compare, "ask": finished_runs.ask, "predict": finished_runs.predict},
+    **{"export": finished_runs.export, "watch": live.watch, "open": live.open_, "explain": texts.explain},
+    **{"selftest": selftest.selftest, "certify": finished_runs.certify},
 }
 for name, command in _COMMANDS.items():
     if command is init.run:
         app.command(name, cls=_Init, help=described(command.__doc__, "Args")[0])(lambda: None)
         continue
-    function, words = options.documented(command)
+    function, words = delivery.documented(command)
     app.command(name, cls=_Command, help=words)(function)
 
 

@@ -16,6 +16,8 @@ from bayestissue.remedies import Code, messages, retired
 # characters, which stand for bytes of a file name that are no UTF-8: no text can be written with them.
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
+_WHERE = ("row", "column", "value", "impact")
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -37,30 +39,18 @@ class Problem:
     files_read: int = field(default=1, kw_only=True)
 
     @classmethod
-    def stated(
-        cls,
-        key: str,
-        file: str,
-        row: int | None = None,
-        column: str | None = None,
-        value: object = None,
-        *,
-        impact: str | None = None,
-        **numbers: object,
-    ) -> Self:
-        """The problem that the message ``key`` of ``messages.toml`` tells, with ``numbers`` in its sentences.
+    def stated(cls, key: str, file: str, *where: Any, **words: Any) -> Self:
+        """The problem that the message ``key`` of ``messages.toml`` tells.
 
         Args:
             key: a code, or a code, a point and which of its messages.
-            file: and the next four as the attributes.
-            row: from 1.
-            column: or key.
-            value: what was found.
-            impact: which one; an empty name is none.
-            numbers: by their names in the sentences.
+            file: as the attribute.
+            where: ``row``, ``column``, ``value`` and ``impact`` as the attributes, or by name in ``words``.
+            words: what stands in braces in the sentences.
         """
-        text, words = messages()[key], {"column": column, "value": value, **numbers}
-        expected, remedy = filled(text.expected, **words), filled(text.remedy, **words)
+        text, words = messages()[key], dict.fromkeys(_WHERE) | dict(zip(_WHERE, where, strict=False)) | words
+        row, column, value, impact = (words[name] for name in _WHERE)
+        expected, remedy = (filled(sentence, **words) for sentence in (text.expected, text.remedy))
         at = None if row is None else int(row)
         return cls(file, expected, remedy, at, column, value, impact or None, code=text.code)
 

@@ -22,9 +22,10 @@ from bayestissue.hierarchy.specification import ModelSpecification, specificatio
 from bayestissue.inference.answers.finished import GROUPS, Finished
 from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.inference.samplers.diagnostics import verdict_in_words
-from bayestissue.outline import Outlined, Rows, short, span
+from bayestissue.outline import Rows, short, span
 from bayestissue.paper import WIDTH_MM
 from bayestissue.report.run_folder import not_a_fit, open_tree, read_about, read_json, require_files
+from bayestissue.result import Result
 from bayestissue.results.tables import table_of_rows
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit(Outlined):
+class Fit(Result):
     """A finished fit, with all that a run folder tells of it.
 
     Attributes:
@@ -65,6 +66,7 @@ class Fit(Outlined):
         end: where the chains ended, likewise; see `chain_end`.
     """
 
+    command = "fit"
     about: dict[str, Any]
     posterior: xr.DataTree
     diagnostics: dict[str, Any]
@@ -302,29 +304,49 @@ class Fit(Outlined):
 
         return Plots(fit_run_of(self))
 
-    def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the run's folder as `bayestissue fit` does, report and all; or only the page.
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Those of the run's folder, by the names of their files."""
+        tables = {name: self.table(name) for name in (*TABLES, *_FURTHER)}
+        # Few model files have questions.
+        with suppress(KeyError):
+            tables["questions"] = self.table("questions")
+        return tables
 
-        Args:
-            path: a folder that is new or empty, or a file name that ends in ``.html``.
-            overwrite: replace what is there.
+    @property
+    def passed(self) -> bool:
+        """Whether the sampler did its work."""
+        return bool(self.diagnostics["passed"])
 
-        Returns:
-            The path of the page.
+    @property
+    def inputs(self) -> tuple[str | Path | None, ...]:
+        """The run that was read back, or the dataset that was fitted."""
+        return (self.folder,)
 
-        Raises:
-            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
-            PartialResultError: the results are written, but not the page.
-        """
-        path = Path(path)
-        if path.suffix == ".html":
-            return self._page(path, overwrite)
-        from bayestissue.report import draw_page
+    def page(self) -> str:
+        """The HTML of the page, of what is in memory; of a run that was read back, from its folder."""
+        from bayestissue.report.fit.page import page_of
 
-        with results.claim(path, overwrite=overwrite, command="fit", inputs=(self.folder,)) as target:
-            with target.folder() as folder:
-                write_run(self, folder)
-            return draw_page(target.path, partial(page_html, self))
+        return page_of(fit_run_of(self))
+
+    def write(self, folder: Path) -> None:
+        """Write every file of the run into a folder, but for the page that is drawn of them."""
+        about, dataset = self.about, self.dataset_folder
+        if dataset is not None:
+            about = about | {"dataset_folder": _from_folder(dataset, folder)}
+        super().write(folder)
+        results.write_json(about, folder / "run.json")
+        results.write_tree(self.posterior, folder / "posterior.nc")
+        results.write_json(self.diagnostics, folder / "diagnostics.json")
+        # A simulated dataset knows the truth; the report draws it in.
+        copied = ["truth.csv"]
+        if self.end is not None:
+            self.end.write(folder / CHAIN)
+        elif self.dataset is None:
+            copied.append(CHAIN)
+        for name in copied:
+            if self.folder is not None and (path := self.folder / name).is_file():
+                shutil.copyfile(path, folder / name)
 
     def export(
         self,
@@ -349,21 +371,12 @@ class Fit(Outlined):
             InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote; or
                 ``certificate`` is none of this fit.
         """
-        from bayestissue.paper.export import write_paper
+        return self.paper(certificate, width_mm).report(path, overwrite=overwrite)
 
-        inputs = (self.folder, certificate)
+    def paper(self, certificate: str | Path | None = None, width_mm: float = WIDTH_MM) -> Paper:
+        """What a paper takes, not written yet; arguments as of `export`."""
         certified = None if certificate is None else self._certified(Path(certificate))
-        with results.claim(Path(path), overwrite=overwrite, command="export", inputs=inputs) as target:
-            with target.folder() as folder:
-                write_paper(
-                    fit_run_of(self),
-                    folder,
-                    table=self.table,
-                    finished=self.finished,
-                    certified=certified,
-                    width_mm=width_mm,
-                )
-            return target.path
+        return Paper(self, certified, width_mm, None if certificate is None else Path(certificate))
 
     def _certified(self, folder: Path) -> dict[str, Any]:
         """The verdict of this fit's certificate in a folder."""
@@ -374,12 +387,47 @@ class Fit(Outlined):
         verdict: dict[str, Any] = record["verdict"]
         return verdict
 
-    def _page(self, path: Path, overwrite: bool) -> Path:
-        if path.exists() and not overwrite:
-            raise InputError.stated("out-taken.page", str(path))
-        with results.whole_file(path) as staging:
-            staging.write_text(page_html(self), encoding="utf-8")
-        return path
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Paper(Result):
+    """What a paper takes of a fit: methods and results as text, tables in a workbook, figures.
+
+    Attributes:
+        fit: of which.
+        certified: the verdict of its certificate.
+        width_mm: of a figure in print.
+        certificate: the folder of the certificate.
+    """
+
+    command = "export"
+    about = {}  # noqa: RUF012
+    fit: Fit
+    certified: dict[str, Any] | None
+    width_mm: float
+    certificate: Path | None
+
+    @property
+    def inputs(self) -> tuple[str | Path | None, ...]:
+        """The run and its certificate."""
+        return (self.fit.folder, self.certificate)
+
+    def write(self, folder: Path) -> None:
+        """Write the texts, the workbook and the figures into a folder."""
+        from bayestissue.paper.export import write_paper
+
+        fit = self.fit
+        write_paper(
+            fit_run_of(fit),
+            folder,
+            table=fit.table,
+            finished=fit.finished,
+            certified=self.certified,
+            width_mm=self.width_mm,
+        )
+
+    def wrote(self, folder: Path) -> str:
+        """What was written, in a line."""
+        return f"wrote methods.md, methods.docx, checklists.md, tables.xlsx and figures/ to {folder}"
 
 
 def read_run(path: str | Path) -> Fit:
@@ -414,13 +462,6 @@ def _stored(folder: Path, name: str) -> pd.DataFrame:
     return results.read_table(folder, name)
 
 
-def page_html(fit: Fit) -> str:
-    """The page of a fit, drawn from what is in memory; of a run that was read back, from its folder."""
-    from bayestissue.report.fit.page import page_of
-
-    return page_of(fit_run_of(fit))
-
-
 def fit_run_of(fit: Fit) -> FitRun:
     """A fit as pages and texts take it: from memory, or from its folder where it was read back."""
     from bayestissue.report.fit.run import FURTHER_TABLES, TABLES, fit_run, read_fit_run
@@ -435,30 +476,6 @@ def fit_run_of(fit: Fit) -> FitRun:
     if fit.folder is not None and (fit.folder / "truth.csv").is_file():
         tables["truth"] = results.read_table(fit.folder, "truth")
     return fit_run(fit.about, fit.diagnostics, fit.posterior, tables)
-
-
-def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
-    """Write every file of a finished run into ``folder``, but for the page that is drawn of them."""
-    if say is not None:
-        say("writing the results", 0, 1)
-    results.write_tree(fit.posterior, folder / "posterior.nc")
-    for name in (*TABLES, *_FURTHER):
-        results.write_table(fit.table(name), folder / f"{name}.csv")
-    # Few model files have questions.
-    with suppress(KeyError):
-        results.write_table(fit.table("questions"), folder / "questions.csv")
-    # A simulated dataset knows the truth; the report draws it in.
-    if fit.folder is not None and (truth := fit.folder / "truth.csv").is_file():
-        shutil.copyfile(truth, folder / "truth.csv")
-    if fit.end is not None:
-        fit.end.write(folder / CHAIN)
-    elif fit.dataset is None and fit.folder is not None and (chain := fit.folder / CHAIN).is_file():
-        shutil.copyfile(chain, folder / CHAIN)
-    results.write_json(fit.diagnostics, folder / "diagnostics.json")
-    record, dataset = fit.about, fit.dataset_folder
-    if dataset is not None:
-        record = record | {"dataset_folder": _from_folder(dataset, folder)}
-    results.write_json(record, folder / "run.json")
 
 
 def _from_folder(path: Path, folder: Path) -> str:

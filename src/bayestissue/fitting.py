@@ -18,7 +18,7 @@ import xarray as xr
 
 from bayestissue import resources, runtime
 from bayestissue.dataset.left_out import reason_of
-from bayestissue.errors import Coded, InputError, Problem
+from bayestissue.errors import Coded, InputError, Problem, refuse
 from bayestissue.finished import TABLES, Fit, read_run
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.named_model import named_model
@@ -48,7 +48,6 @@ from bayestissue.words import Words
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
-    from bayestissue.signal import Displacements, SignalOptions
 
 type Model = str | Path | Mapping[str, Any] | ModelSpecification
 # With so many impacts to look for spoilt recordings takes as long as the fit.
@@ -107,43 +106,25 @@ def fit(
 
     seed, recorded = _checked_seed(seed), as_dataset(dataset)
     with _set_up():
-        job = fit_job(recorded, model, seed, K=K, C=C, ask=ask, continue_from=continue_from)
-        return job.fit(say or silent)
+        request = FitRequest(model, K, C, ask, continue_from)
+        return fit_job(recorded, request, seed).fit(say or silent)
 
 
-@dataclass(frozen=True, eq=False)
-class FitJob:
-    """A fit in which all that can be wrong was looked for, and nothing was sampled.
+class FitRequest(NamedTuple):
+    """What is to be fitted to recordings: arguments of `fit`, and options of the command."""
 
-    Attributes:
-        dataset: what is fitted.
-        specification: the model file.
-        prepared: the two as the sampler takes them.
-        seed: of all draws.
-        earlier: a run whose chains go on.
-    """
-
-    dataset: Dataset
-    specification: ModelSpecification
-    prepared: Prepared
-    seed: int
-    earlier: EarlierRun | None
-
-    def fit(self, say: Say, checkpoints: Path | None = None) -> Fit:
-        """Sample and label; ``checkpoints`` is a folder for finished parts."""
-        given = self.dataset, self.specification, self.prepared, self.seed
-        return fit_prepared(*given, say, checkpoints=checkpoints, earlier=self.earlier)
+    model: Model | None = None
+    K: str | None = None
+    C: str | None = None
+    ask: str | Sequence[str] | Mapping[str, str] = ()
+    continue_from: Fit | str | Path | None = None
 
 
 def fit_job(
     dataset: Dataset,
-    model: Model | None,
+    request: FitRequest,
     seed: int,
     *,
-    K: str | None = None,
-    C: str | None = None,
-    ask: str | Sequence[str] | Mapping[str, str] = (),
-    continue_from: Fit | str | Path | None = None,
     skip_short: bool = False,
     resolved: Callable[[ModelSpecification], None] = lambda _: None,
 ) -> FitJob:
@@ -151,18 +132,15 @@ def fit_job(
 
     Args:
         dataset: what is fitted.
-        model: as of `fit`, and so ``seed``, ``K``, ``C``, ``ask``, ``continue_from``.
+        request: the model, its formulas and questions, and a run of the same.
         seed: of all draws.
-        K: what log K depends on.
-        C: the same of log C.
-        ask: questions.
-        continue_from: a run of the same.
         skip_short: leave out impacts of too few samples, which are refused else.
         resolved: told the model, before it meets the data.
 
     Raises:
         InputError: as of `fit`.
     """
+    model, K, C, ask, continue_from = request
     specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C), questions=ask)
     resolved(specification)
     run = continue_from if isinstance(continue_from, Fit | None) else read_run(continue_from)
@@ -173,9 +151,12 @@ def fit_job(
         dataset = without_short(dataset, specification, source)
     dataset, prepared = prepare_without_phantoms(dataset, specification, source=source)
     require_answerable(prepared, specification, source)
-    called = "continue_from" if run is continue_from else str(continue_from)
-    earlier = None if run is None else earlier_run(run, dataset, specification, prepared, called)
-    return FitJob(dataset, specification, prepared, seed, earlier)
+    job = FitJob(dataset, specification, prepared, seed)
+    if run is None:
+        return job
+    return replace(
+        job, earlier=job.earlier_run(run, "continue_from" if run is continue_from else str(continue_from))
+    )
 
 
 def numpyro_model(
@@ -313,35 +294,6 @@ class EarlierRun(NamedTuple):
     element: dict[str, Any]
 
 
-def earlier_run(
-    run: Fit,
-    dataset: Dataset,
-    specification: ModelSpecification,
-    prepared: Prepared,
-    source: str = "continue_from",
-) -> EarlierRun:
-    """The run that this fit is to go on with, which messages call ``source``.
-
-    Raises:
-        InputError: it is no finished fit, its chains were not kept, or it is of other recordings or another
-            model: every difference.
-    """
-    # As JSON has it, like what was read.
-    here = json.loads(json.dumps(specification.model_dump(mode="json") | prepared.design.resolved()))
-    here, there = (_of_the_chains(model) for model in (here, run.about["model"]))
-    problems = [
-        Problem.stated("another-run.model", source, None, key, here.get(key), there=there.get(key))
-        for key in sorted(here.keys() | there.keys())
-        if here.get(key) != there.get(key)
-    ]
-    if run.about.get("input_hash") != dataset.input_hash:
-        problems.append(Problem.stated("another-run.recordings", source, None, "input_hash", dataset.name))
-    if problems:
-        raise InputError(problems)
-    form = run.diagnostics["model_form"] if "score_without" in run.about.get("discrepancy", {}) else {}
-    return EarlierRun(run.chain_end(), form, run.diagnostics.get("another_element", {}))
-
-
 def _of_the_chains(model: dict[str, Any]) -> dict[str, Any]:
     """Of a model what may not be another in a run that goes on."""
     free = {"name", "description", "questions", "practical_equivalence", "comparison", "sampler"}
@@ -349,154 +301,247 @@ def _of_the_chains(model: dict[str, Any]) -> dict[str, Any]:
     return fixed | {"sampler.chains": model.get("sampler", {}).get("chains")}
 
 
-def fit_prepared(
-    dataset: Dataset,
-    specification: ModelSpecification,
-    prepared: Prepared,
-    seed: int,
-    say: Say,
-    *,
-    checkpoints: Path | None = None,
-    earlier: EarlierRun | None = None,
-) -> Fit:
-    """`fit` from prepared data on; ``checkpoints`` is a folder for finished parts, see `fit_traces`.
+def silent(stage: str, done: int, total: int) -> None:
+    """Say nothing."""
 
-    Where the residuals are plainly structured and the model file leaves it to the program, a second fit with
-    a discrepancy follows, and is the one that is told; the first is not finished if its best fits show it.
-    Before that a stiffening spring is tried, where they are so at some levels of a factor alone.
-    Chains go on from those of an ``earlier`` run of the same; if that was a second fit, so is this one.
-    float64 must be set.
+
+@dataclass(frozen=True, eq=False)
+class FitJob:
+    """A fit in which all that can be wrong was looked for, and nothing was sampled.
+
+    Attributes:
+        dataset: what is fitted.
+        specification: the model file.
+        prepared: the two as the sampler takes them.
+        seed: of all draws.
+        earlier: a run whose chains go on.
+        say: told the stage, how much of it is done, and its total.
+        checkpoints: a folder for finished parts, see `fit_traces`; none are kept without.
     """
-    start = runtime.Start()
-    say("summarising each trace", 0, 1)
-    plain = _without_discrepancy(dataset, specification, prepared)
-    expansions = expanded(plain)
-    specification, prepared, analysis = _first_or_second(
-        dataset, specification, prepared, expansions, seed, say, checkpoints=checkpoints, earlier=earlier
-    )
-    points, flags = _points_and_flags(dataset, specification.signal, prepared.signal)
-    chain = judge(plain, expansions) if dataset.quantity != "displacement" else {}
-    diagnostics = analysis.diagnostics | _of_recordings(dataset, prepared, analysis, flags, chain)
-    analysis = replace(analysis, diagnostics=diagnostics, summary=noted(analysis.summary, diagnostics))
-    return finished_fit(dataset, specification, prepared, analysis, points, seed, start.time, start.seconds)
 
+    dataset: Dataset
+    specification: ModelSpecification
+    prepared: Prepared
+    seed: int
+    earlier: EarlierRun | None = None
+    say: Say = silent
+    checkpoints: Path | None = None
 
-def _without_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
-    """The same without the discrepancy, which would take up what the measuring chain does."""
-    if not prepared.model.discrepancy:
-        return prepared
-    without = specification.model_copy(update={"discrepancy": "none"})
-    return assemble(dataset, without, prepared.design, prepared.signal)
+    def earlier_run(self, run: Fit, source: str = "continue_from") -> EarlierRun:
+        """The run that this fit is to go on with, which messages call ``source``.
 
+        Raises:
+            InputError: it is no finished fit, its chains were not kept, or it is of other recordings or
+                another model: every difference.
+        """
+        model = self.specification.model_dump(mode="json") | self.prepared.design.resolved()
+        # As JSON has it, like what was read.
+        here, there = (_of_the_chains(one) for one in (json.loads(json.dumps(model)), run.about["model"]))
+        problems = [
+            Problem.stated("another-run.model", source, None, key, here.get(key), there=there.get(key))
+            for key in sorted(here.keys() | there.keys())
+            if here.get(key) != there.get(key)
+        ]
+        if run.about.get("input_hash") != self.dataset.input_hash:
+            where = source, None, "input_hash", self.dataset.name
+            problems.append(Problem.stated("another-run.recordings", *where))
+        refuse(problems)
+        form = run.diagnostics["model_form"] if "score_without" in run.about.get("discrepancy", {}) else {}
+        return EarlierRun(run.chain_end(), form, run.diagnostics.get("another_element", {}))
 
-def _first_or_second(
-    dataset: Dataset,
-    specification: ModelSpecification,
-    prepared: Prepared,
-    expansions: GaussianFactor,
-    seed: int,
-    say: Say,
-    *,
-    checkpoints: Path | None,
-    earlier: EarlierRun | None,
-) -> tuple[ModelSpecification, Prepared, TraceAnalysis]:
-    """The fit as the model file has it, or another that it leads to, with its model; see `fit_prepared`."""
-    end, form, told = earlier or EarlierRun(None, {}, {})
-    begun, took = runtime.Start(), ""
-    alone, may_add = not prepared.model.discrepancy, specification.may_add_discrepancy
-    if earlier is None and may_add and alone:
-        form = model_form.misfit_precheck(prepared, expansions, seed) or {}
-    if not form:
-        first = fit_traces(
-            prepared,
-            specification,
-            seed,
-            say,
-            expansions=expansions if alone else None,
-            checkpoints=checkpoints,
+    def fit(self, say: Say = silent, checkpoints: Path | None = None) -> Fit:
+        """Sample and label.
+
+        Where the residuals are plainly structured and the model file leaves it to the program, a second fit
+        with a discrepancy follows, and is the one that is told; the first is not finished if its best fits
+        show it. Before that a stiffening spring is tried, where they are so at some levels of a factor alone.
+        Chains go on from those of an ``earlier`` run of the same; if that was a second fit, so is this one.
+        float64 must be set.
+        """
+        start = runtime.Start()
+        say("summarising each trace", 0, 1)
+        plain = self._without_discrepancy()
+        expansions = expanded(plain)
+        job, analysis = replace(self, say=say, checkpoints=checkpoints)._first_or_second(expansions)
+        points, flags = _points_and_flags(job)
+        chain = judge(plain, expansions) if job.dataset.quantity != "displacement" else {}
+        diagnostics = analysis.diagnostics | job._of_recordings(analysis, flags, chain)
+        analysis = replace(analysis, diagnostics=diagnostics, summary=noted(analysis.summary, diagnostics))
+        return job.finished(analysis, points, (start.time, start.seconds))
+
+    def _without_discrepancy(self) -> Prepared:
+        """The same without the discrepancy, which would take up what the measuring chain does."""
+        if not self.prepared.model.discrepancy:
+            return self.prepared
+        without = self.specification.model_copy(update={"discrepancy": "none"})
+        return assemble(self.dataset, without, self.prepared.design, self.prepared.signal)
+
+    def _sampled(self, end: ChainEnd | None, expansions: GaussianFactor | None = None) -> TraceAnalysis:
+        return fit_traces(
+            self.prepared,
+            self.specification,
+            self.seed,
+            self.say,
+            expansions=expansions,
+            checkpoints=self.checkpoints,
             end=end,
         )
-        form, end = first.diagnostics.get("model_form", {}), None
-        if not (may_add and form.get("structured", False)):
-            return specification, prepared, _with_element(first, told)
-        took = f", which took {max(begun.seconds, 1):.0f} s"
-        tried = _another_element(dataset, specification, prepared, form, seed, say, checkpoints, took)
-        if tried is not None:
-            return tried
-    if earlier is None:
-        words = "the traces obey another law than the model's: a second fit begins, with a discrepancy"
-        say(f"{words}; it may take several times as long as the first{took}", 1, 1)
-    wider = with_discrepancy(dataset, specification, prepared)
-    second = _second_fit(wider, specification, seed, say, checkpoints, end, "a discrepancy")
-    of_both = model_form.with_discrepancy(form, second.tree)
-    of_both |= {"impacts": second.diagnostics.get("model_form", {}).get("impacts", {})}
-    diagnostics = second.diagnostics | {"model_form": of_both}
-    return specification, wider, replace(second, diagnostics=diagnostics)
 
+    def _again(self, besides: str, prepared: Prepared) -> FitJob:
+        """A second fit, its stages told and its checkpoints kept apart from those of the first."""
+        parts = None if self.checkpoints is None else self.checkpoints / besides.split()[-1]
+        if parts is not None:
+            parts.mkdir(exist_ok=True)
 
-def _another_element(
-    dataset: Dataset,
-    specification: ModelSpecification,
-    prepared: Prepared,
-    form: dict[str, Any],
-    seed: int,
-    say: Say,
-    checkpoints: Path | None,
-    took: str,
-) -> tuple[ModelSpecification, Prepared, TraceAnalysis] | None:
-    """The fit of a spring that stiffens; None where nothing speaks for it, or it explains less."""
-    names = prepared.impacts["impact"].astype(str).to_numpy()
-    told = another_element.instead(form, names, prepared.design.recorded)
-    stiffens = another_element.stiffening_by(specification, told["formula"]) if told else None
-    if stiffens is None:
-        return None
-    say(f"a stiffening spring is tried, by {told['formula']}: a second fit, as long as the first{took}", 1, 1)
-    try:
-        of_spring = replace(prepare(dataset, stiffens, source="model"), reference=prepared.reference)
-    except InputError:
-        return None
-    second = _second_fit(of_spring, stiffens, seed, say, checkpoints, None, "a stiffening spring")
-    if not another_element.explains(second.diagnostics):
-        return None
-    return stiffens, of_spring, _with_element(second, told)
+        def say(stage: str, done: int, total: int) -> None:
+            self.say(f"again with {besides}: {stage}", done, total)
+
+        return replace(self, prepared=prepared, say=say, checkpoints=parts)
+
+    def _first_or_second(self, expansions: GaussianFactor) -> tuple[FitJob, TraceAnalysis]:
+        """The fit as the model file has it, or another that it leads to, with its model; see `fit`."""
+        end, form, told = self.earlier or EarlierRun(None, {}, {})
+        begun, took = runtime.Start(), ""
+        alone, may_add = not self.prepared.model.discrepancy, self.specification.may_add_discrepancy
+        if self.earlier is None and may_add and alone:
+            form = model_form.misfit_precheck(self.prepared, expansions, self.seed) or {}
+        if not form:
+            first = self._sampled(end, expansions if alone else None)
+            form, end = first.diagnostics.get("model_form", {}), None
+            if not (may_add and form.get("structured", False)):
+                return self, _with_element(first, told)
+            took = f", which took {max(begun.seconds, 1):.0f} s"
+            if (tried := self._another_element(form, took)) is not None:
+                return tried
+        if self.earlier is None:
+            words = "the traces obey another law than the model's: a second fit begins, with a discrepancy"
+            self.say(f"{words}; it may take several times as long as the first{took}", 1, 1)
+        wider = self._again(
+            "a discrepancy", with_discrepancy(self.dataset, self.specification, self.prepared)
+        )
+        second = wider._sampled(end)
+        of_both = model_form.with_discrepancy(form, second.tree)
+        of_both |= {"impacts": second.diagnostics.get("model_form", {}).get("impacts", {})}
+        return wider, replace(second, diagnostics=second.diagnostics | {"model_form": of_both})
+
+    def _another_element(self, form: dict[str, Any], took: str) -> tuple[FitJob, TraceAnalysis] | None:
+        """The fit of a spring that stiffens; None where nothing speaks for it, or it explains less."""
+        names = self.prepared.impacts["impact"].astype(str).to_numpy()
+        told = another_element.instead(form, names, self.prepared.design.recorded)
+        stiffens = another_element.stiffening_by(self.specification, told["formula"]) if told else None
+        if stiffens is None:
+            return None
+        words = f"a stiffening spring is tried, by {told['formula']}"
+        self.say(f"{words}: a second fit, as long as the first{took}", 1, 1)
+        try:
+            of_spring = prepare(self.dataset, stiffens, source="model")
+        except InputError:
+            return None
+        of_spring = replace(of_spring, reference=self.prepared.reference)
+        job = replace(self._again("a stiffening spring", of_spring), specification=stiffens)
+        second = job._sampled(None)
+        return (job, _with_element(second, told)) if another_element.explains(second.diagnostics) else None
+
+    def _of_recordings(
+        self, analysis: TraceAnalysis, flags: list[list[Coded]], chain: dict[str, Any]
+    ) -> dict[str, Any]:
+        """What recordings add to ``diagnostics.json``: entries beside, or in place of, those of the draws.
+
+        Args:
+            analysis: the results.
+            flags: what is wrong with the recording of each impact.
+            chain: what the traces say of their measuring chain.
+        """
+        prepared, form = self.prepared, analysis.diagnostics.get("model_form")
+        names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
+        # Tissue that is taken along at contact leaves the impactor another velocity than the stated one.
+        explained = (ANOTHER_VELOCITY,) if "added_mass" in analysis.diagnostics else ()
+        entries = {
+            "measuring_chain": chain,
+            "model_form": model_form.with_chain(form, chain) if form and chain else form,
+            "recorded_peak": judge_peaks(self.dataset, prepared, analysis.summary),
+            "recordings": flagged_recordings(names, flags, explained),
+            "clipped": clipped_recordings(names, limited.tolist()),
+            "channels": _of_channels(self.dataset, prepared, analysis),
+            "reference": prepared.reference and judge_reference(prepared.reference),
+        }
+        return {name: entry for name, entry in entries.items() if entry}
+
+    def finished(self, analysis: TraceAnalysis, points: pd.DataFrame, clock: tuple[datetime, float]) -> Fit:
+        """A fit of all that its run folder holds.
+
+        Args:
+            analysis: the results.
+            points: the table of the thesis's method.
+            clock: when the fit began, and how many seconds it took.
+        """
+        tables = {name: getattr(analysis, name) for name in TABLES}
+        tables["estimates_dds"] = points
+        tables["agreement"] = _agreement(points, analysis.summary)
+        fit = Fit(
+            runtime.run_record("fit", "fit", *clock, **self._provenance(analysis)),
+            analysis.tree,
+            analysis.diagnostics,
+            tables.__getitem__,
+            self.dataset.folder,
+            self.dataset,
+            self.prepared,
+            analysis.end,
+        )
+        if self.specification.questions:
+            from bayestissue.inference.answers.questions import ask_what_can_be, of_model
+
+            questions = of_model(self.specification.questions, "model")
+            tables["questions"] = ask_what_can_be(fit.finished, questions)
+        return fit
+
+    def _provenance(self, analysis: TraceAnalysis) -> dict[str, Any]:
+        """What ``run.json`` says of the fit itself."""
+        data, prepared, diagnostics = self.dataset, self.prepared, analysis.diagnostics
+        nouns = Words(data.words)
+        return {
+            "dataset": data.name,
+            "description": data.description,
+            "quantity": data.quantity,
+            "words": dict(data.words),
+            **({"site": data.site} if data.site else {}),
+            "model": self.specification.model_dump(mode="json") | prepared.design.resolved(),
+            "terms_left_out": prepared.design.terms_left_out(),
+            "columns_not_used": untried(prepared.design.recorded),
+            "uncertainty": vars(data.uncertainty),
+            "contact": prepared.signal.phase.words,
+            "left_out": [str(problem) for problem in data.left_out],
+            "exclusions": [{"impact": p.impact, "reason": reason_of(p)} for p in data.left_out],
+            "seed": self.seed,
+            "input_hash": data.input_hash,
+            **({"whole_hash": data.whole_hash} if data.whole_hash else {}),
+            **_kept_of_impacts(analysis.tree),
+            **self._discrepancy(analysis),
+            "route": diagnostics.get("route", {}),
+            "verdict": {
+                "passed": diagnostics["passed"],
+                "headline": nouns(headline(diagnostics)),
+                "words": nouns(verdict_in_words(diagnostics)),
+                "warned": bool(warnings(diagnostics)),
+                # What is not wrong, but should be known beside a verdict that passed.
+                "remarks": nouns(" ".join(diagnostics[k]["words"] for k in _REMARKED if k in diagnostics)),
+            },
+        }
+
+    def _discrepancy(self, analysis: TraceAnalysis) -> dict[str, Any]:
+        """Of a fit with a discrepancy: its rms as a fraction of the peak, and why the program added it."""
+        if not self.prepared.model.discrepancy:
+            return {}
+        discrepancy = {"rms_of_peak": float(analysis.tree["posterior"].dataset["discrepancy"].median())}
+        if self.specification.discrepancy == "automatic":
+            discrepancy["score_without"] = analysis.diagnostics["model_form"]["score"]
+        return {"discrepancy": discrepancy}
 
 
 def _with_element(analysis: TraceAnalysis, told: dict[str, Any]) -> TraceAnalysis:
     """A fit, with why it has another element than the model file."""
     diagnostics = analysis.diagnostics | ({"another_element": told} if told else {})
     return replace(analysis, diagnostics=diagnostics)
-
-
-def _of_recordings(
-    dataset: Dataset,
-    prepared: Prepared,
-    analysis: TraceAnalysis,
-    flags: list[list[Coded]],
-    chain: dict[str, Any],
-) -> dict[str, Any]:
-    """What recordings add to ``diagnostics.json``: entries beside, or in place of, those of the draws.
-
-    Args:
-        dataset: what was recorded.
-        prepared: the fit.
-        analysis: its results.
-        flags: what is wrong with the recording of each impact.
-        chain: what the traces say of their measuring chain.
-    """
-    form = analysis.diagnostics.get("model_form")
-    names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
-    # Tissue that is taken along at contact leaves the impactor another velocity than the stated one.
-    explained = (ANOTHER_VELOCITY,) if "added_mass" in analysis.diagnostics else ()
-    entries = {
-        "measuring_chain": chain,
-        "model_form": model_form.with_chain(form, chain) if form and chain else form,
-        "recorded_peak": judge_peaks(dataset, prepared, analysis.summary),
-        "recordings": flagged_recordings(names, flags, explained),
-        "clipped": clipped_recordings(names, limited.tolist()),
-        "channels": _of_channels(dataset, prepared, analysis),
-        "reference": prepared.reference and judge_reference(prepared.reference),
-    }
-    return {name: entry for name, entry in entries.items() if entry}
 
 
 def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) -> dict[str, Any]:
@@ -513,39 +558,6 @@ def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) 
     return of_first | {"words": unused_channels(dataset.channels, why)}
 
 
-def finished_fit(
-    dataset: Dataset,
-    specification: ModelSpecification,
-    prepared: Prepared,
-    analysis: TraceAnalysis,
-    points: pd.DataFrame,
-    seed: int,
-    started: datetime,
-    wall_time_s: float,
-) -> Fit:
-    """A fit of all that its run folder holds; ``points`` is the table of the thesis's method."""
-    tables = {name: getattr(analysis, name) for name in TABLES}
-    tables["estimates_dds"] = points
-    tables["agreement"] = _agreement(points, analysis.summary)
-    content = _provenance(dataset, specification, prepared, analysis, seed)
-    record = runtime.run_record("fit", "fit", started, wall_time_s, **content)
-    finished = Fit(
-        record,
-        analysis.tree,
-        analysis.diagnostics,
-        tables.__getitem__,
-        dataset.folder,
-        dataset,
-        prepared,
-        analysis.end,
-    )
-    if specification.questions:
-        from bayestissue.inference.answers.questions import ask_what_can_be, of_model
-
-        tables["questions"] = ask_what_can_be(finished.finished, of_model(specification.questions, "model"))
-    return finished
-
-
 def _agreement(points: pd.DataFrame, summary: pd.DataFrame) -> pd.DataFrame:
     values = {}
     for q, quantity in symbols(set(summary["variable"])).items():
@@ -554,9 +566,7 @@ def _agreement(points: pd.DataFrame, summary: pd.DataFrame) -> pd.DataFrame:
     return agreement(values)
 
 
-def _points_and_flags(
-    dataset: Dataset, options: SignalOptions, signal: Displacements
-) -> tuple[pd.DataFrame, list[list[Coded]]]:
+def _points_and_flags(job: FitJob) -> tuple[pd.DataFrame, list[list[Coded]]]:
     """The table of the thesis's method, and what is wrong with the recordings of each impact.
 
     Of `_MANY` impacts and more, spoilt recordings are left to `check`: to look for them would take as long as
@@ -566,95 +576,17 @@ def _points_and_flags(
     from bayestissue.signal import SignalOptions, displacements
     from bayestissue.signal.quality import inspect
 
+    dataset, options, signal = job.dataset, job.specification.signal, job.prepared.signal
     findings = inspect(dataset, options) if len(dataset.impacts) < _MANY else []
     of_default = signal if options == SignalOptions() else displacements(dataset)
     of_thesis = thesis_table(dataset, displacements(dataset, rule="trapezoidal"), findings)
     return of_thesis, flags_of(dataset, of_default, findings, {})
 
 
-def _second_fit(
-    prepared: Prepared,
-    specification: ModelSpecification,
-    seed: int,
-    say: Say,
-    checkpoints: Path | None,
-    end: ChainEnd | None,
-    besides: str,
-) -> TraceAnalysis:
-    """The fit of ``prepared``, its stages told and its checkpoints kept apart from those of the first."""
-    parts = None if checkpoints is None else checkpoints / besides.split()[-1]
-    if parts is not None:
-        parts.mkdir(exist_ok=True)
-
-    def again(stage: str, done: int, total: int) -> None:
-        say(f"again with {besides}: {stage}", done, total)
-
-    return fit_traces(prepared, specification, seed, again, checkpoints=parts, end=end)
-
-
-def _provenance(
-    data: Dataset,
-    specification: ModelSpecification,
-    prepared: Prepared,
-    analysis: TraceAnalysis,
-    seed: int,
-) -> dict[str, Any]:
-    """What ``run.json`` says of the fit itself."""
-    diagnostics = analysis.diagnostics
-    return {
-        "dataset": data.name,
-        "description": data.description,
-        "quantity": data.quantity,
-        "words": dict(data.words),
-        **({"site": data.site} if data.site else {}),
-        "model": specification.model_dump(mode="json") | prepared.design.resolved(),
-        "terms_left_out": prepared.design.terms_left_out(),
-        "columns_not_used": untried(prepared.design.recorded),
-        "uncertainty": vars(data.uncertainty),
-        "contact": prepared.signal.phase.words,
-        "left_out": [str(problem) for problem in data.left_out],
-        "exclusions": [{"impact": p.impact, "reason": reason_of(p)} for p in data.left_out],
-        "seed": seed,
-        "input_hash": data.input_hash,
-        **({"whole_hash": data.whole_hash} if data.whole_hash else {}),
-        **_kept_of_impacts(analysis.tree),
-        **_discrepancy(specification, prepared, analysis),
-        "route": diagnostics.get("route", {}),
-        "verdict": {
-            "passed": diagnostics["passed"],
-            "headline": Words(data.words)(headline(diagnostics)),
-            "words": Words(data.words)(verdict_in_words(diagnostics)),
-            "warned": bool(warnings(diagnostics)),
-            "remarks": Words(data.words)(" ".join(_remarks(diagnostics))),
-        },
-    }
-
-
-def _remarks(diagnostics: dict[str, Any]) -> list[str]:
-    """What is not wrong, but should be known beside a verdict that passed."""
-    return [diagnostics[key]["words"] for key in _REMARKED if key in diagnostics]
-
-
 def _kept_of_impacts(tree: xr.DataTree) -> dict[str, Any]:
     """Of many impacts: how many draws of a single one there are."""
     sizes = tree["posterior"].sizes
     return {"kept_draws_of_an_impact": sizes["chain"] * sizes["kept_draw"]} if "kept_draw" in sizes else {}
-
-
-def _discrepancy(
-    specification: ModelSpecification, prepared: Prepared, analysis: TraceAnalysis
-) -> dict[str, Any]:
-    """Of a fit with a discrepancy: its rms as a fraction of the peak, and why the program added it."""
-    if not prepared.model.discrepancy:
-        return {}
-    discrepancy = {"rms_of_peak": float(analysis.tree["posterior"].dataset["discrepancy"].median())}
-    if specification.discrepancy == "automatic":
-        discrepancy["score_without"] = analysis.diagnostics["model_form"]["score"]
-    return {"discrepancy": discrepancy}
-
-
-def silent(stage: str, done: int, total: int) -> None:
-    """Say nothing."""
 
 
 @contextmanager

@@ -44,7 +44,7 @@ def short(text: str, most: int = 60) -> str:
     return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
-def span(values: ArrayLike, unit: str) -> str:
+def span(values: ArrayLike, unit: str, digits: int = 4) -> str:
     """The least and the greatest of some values, which may be missing, with their unit."""
     import numpy as np
 
@@ -52,8 +52,11 @@ def span(values: ArrayLike, unit: str) -> str:
     known = known[np.isfinite(known)]
     if not known.size:
         return "not stated"
-    low, high = (f"{value:.0f}" if value >= 1000 else f"{value:.4g}" for value in (known.min(), known.max()))
-    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+    low, high = (
+        f"{value:.0f}" if value >= 10**digits else f"{value:.{digits}g}"
+        for value in (known.min(), known.max())
+    )
+    return (f"{low} {unit}" if low == high else f"{low} to {high} {unit}").rstrip()
 
 
 def numbers_in_short(values: Sequence[str], most: int = 4) -> str:

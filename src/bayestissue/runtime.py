@@ -280,6 +280,7 @@ def settle(parent: int, folder: str, allowed: tuple[int, ...]) -> None:
         folder: an existing one; a file in it marks one of the ``allowed`` cores as taken.
         allowed: cores.
     """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     for core in allowed:
         try:
@@ -298,36 +299,16 @@ def worker_pool(workers: int) -> Iterator[Any]:
     They end with the block, and with this process, and leave a Ctrl-C, which a terminal sends to all
     processes, to it.
     """
-    from multiprocessing import resource_tracker as of_python
-
     from loky import ProcessPoolExecutor
-    from loky.backend import resource_tracker
 
-    # Either lets signals through again when it begins, so that must be before the workers do.
-    resource_tracker.ensure_running()
-    of_python.ensure_running()
     with TemporaryDirectory(prefix="bayestissue-") as folder:
         to_settle = (os.getpid(), folder, CORES)
         pool = ProcessPoolExecutor(workers, initializer=settle, initargs=to_settle, env=_NO_RECYCLING)
         try:
-            with _ctrl_c_held():
-                pool.submit(os.getpid)
+            pool.submit(os.getpid)
             yield pool
         finally:
             pool.shutdown(wait=True, kill_workers=True)
-
-
-@contextmanager
-def _ctrl_c_held() -> Iterator[None]:
-    """A block that a Ctrl-C waits for, and whose processes never get one."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _end_with(parent: int) -> None:

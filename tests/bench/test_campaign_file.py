@@ -87,6 +87,19 @@ def test_the_order_says_what_is_left_and_a_plan_leaves_the_people_open(tmp_path:
         order_of(read_campaign(tmp_path / "campaign.toml"), tmp_path / "nowhere")
 
 
+def test_columns_of_a_plan_and_an_order_are_those_of_names_in_any_case(tmp_path: Path) -> None:
+    """Else a side that names say stands beside that of the row, and the two may differ."""
+    factor = {"name": "Side", "levels": ["left", "right"]}
+    plan = {"candidates": {"people": [2], "masses_kg": [0.5], "factors": [factor]}}
+    plan |= {"questions": {"q": "K[Side=left] > K[Side=right]"}}
+    (tmp_path / "plan.json").write_text(json.dumps({"plan": {"name": "p", **plan}, "chosen": 1}))
+    campaign = read_campaign(written(tmp_path, 'pattern = "{subject}_{side}_{n}"\n' + SIGNAL))
+    assert [row["side"] for row in order_of(campaign, tmp_path).rows] == ["left", "right"] * 2
+    (tmp_path / "order.csv").write_text("Subject,SIDE,mass_kg\ns01,left,0.5\n")
+    campaign = read_campaign(written(tmp_path, 'pattern = "{side}_{n}"\norder = "order.csv"\n' + SIGNAL))
+    assert order_of(campaign, None).rows[0] == {"subject": "s01", "side": "left", "mass_kg": 0.5}
+
+
 def test_watch_refuses_before_it_writes_anything(tmp_path: Path) -> None:
     (tmp_path / "recorded").mkdir()
     campaign = written(tmp_path, SIGNAL)

@@ -25,7 +25,7 @@ from bayestissue.bench.decisions import Decisions, one_line
 from bayestissue.bench.server import HOST
 from bayestissue.bench.views import DatasetView, DropsView, WatchView
 from bayestissue.bench.watching import Watch
-from bayestissue.commands import open_page
+from bayestissue.commands import live
 from bayestissue.errors import InputError
 
 
@@ -258,14 +258,14 @@ def test_a_dataset_that_cannot_be_written_is_opened_to_look_at(
         raise OSError(errno.EROFS, "Read-only file system")
 
     if why == "within":
-        monkeypatch.setattr(open_page.os, "access", lambda *_: False)
+        monkeypatch.setattr(live.os, "access", lambda *_: False)
     else:
         monkeypatch.setattr(filelock.FileLock, "acquire", refuse)
     if why == "in use":
         with pytest.raises(InputError, match="no other command"):
-            open_page.run(Path(), None, 0)
+            live.open_(Path(), None, 0)
         return
-    open_page.run(Path(), None, 0)
+    live.open_(Path(), None, 0)
     assert [bool(words) for _, words in served_views] == [True]
 
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
 from bayestissue.cli import app
-from bayestissue.commands import compare
+from bayestissue.commands.finished_runs import compare
 from bayestissue.errors import InputError
 from make_scored_run import IMPACTS, make_scored_run
 
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_once")]
 
 
 def compared(*runs, out=None):
-    compare.run(list(runs), out=out, overwrite=False, quiet=True, as_json=False)
+    compare(runs=list(runs), out=out, quiet=True)
 
 
 def refused(*runs) -> str:

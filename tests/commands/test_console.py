@@ -15,9 +15,10 @@ import pytest
 from rich.console import Console
 
 from bayestissue import cli, runtime
-from bayestissue.commands import compare, estimate
-from bayestissue.commands.console import echo, plain, show, table
+from bayestissue.commands import datasets, finished_runs
+from bayestissue.commands.console import Grid, echo, plain, show
 from bayestissue.errors import InputError, Problem, has_control_characters, printable
+from bayestissue.estimating import Estimates
 
 BAD = "[/red]a\x1b]0;title\x07b\x9b2Jc\u202ed\x00"
 SHOWN = "[/red]a\\u001b]0;title\\u0007b\\u009b2Jc\\u202ed\\u0000"
@@ -70,10 +71,13 @@ def test_the_tables_of_all_commands_are_tame(capsys: pytest.CaptureFixture[str])
         {"variable": ["K"], "label": [BAD], "of": "impact", "unit": ["N/m"], "run": [BAD], "median": 1.0}
     )
     people = people.assign(eti90_low=1.0, eti90_high=1.0)
-    compare.print_comparison(pd.concat([names, names.assign(data="x")]), people)
-    data = SimpleNamespace(name=BAD, left_out=(Problem(BAD, BAD, BAD, impact=BAD, code="no-file"),))
-    table = pd.DataFrame({"K_N_per_m": [1.0], "C_N_s_per_m": 1.0, "zeta": 1.0, "flags": BAD, "notes": BAD})
-    estimate._print(data, table, Path(BAD.replace("\0", "")))
+    said = [*finished_runs.of_comparison(pd.concat([names, names.assign(data="x")]), people)]
+    table = Estimates({"K_N_per_m": [1.0], "C_N_s_per_m": 1.0, "zeta": 1.0, "flags": BAD, "notes": BAD})
+    problems = (Problem(BAD, BAD, BAD, impact=BAD, code="no-file"),)
+    table.dataset = SimpleNamespace(name=BAD, left_out=problems)
+    for words in (*said, *datasets._of_estimates(table)):
+        show(words)
+    echo(table.wrote(Path(BAD.replace("\0", ""))))
     written = capsys.readouterr().out
     assert tame(written)
     assert written.count(SHOWN[:40]) >= 10
@@ -101,7 +105,7 @@ def test_first_cells_that_begin_alike_are_told_apart_on_a_narrow_terminal(monkey
     monkeypatch.setenv("COLUMNS", "50")
     starts = "K[side=left, session=before, group=treated] / K[side="
     cells = [[f"{starts}{end}]", "1.1", "1.0", "1.2"] for end in ("left", "right")]
-    show(table("numbers", ["quantity", "median", "from", "to"], cells, words=("quantity",)))
+    show(Grid("numbers", ["quantity", "median", "from", "to"], cells, words=("quantity",)))
     said = re.sub(r"[\s│┃]", "", capsys.readouterr().out)
     assert "left]" in said
     assert "right]" in said

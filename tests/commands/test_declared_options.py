@@ -10,7 +10,7 @@ from annotated_types import Ge, Le
 from typer.testing import CliRunner
 
 from bayestissue import cli
-from bayestissue.commands.options import documented
+from bayestissue.commands.delivery import documented
 from bayestissue.planning.specification import Aim
 from bayestissue.simulation.specification import Simulation
 

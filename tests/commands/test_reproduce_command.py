@@ -24,7 +24,7 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 
     monkeypatch.setattr(published, "sample_posterior", never)
     # The tests have set JAX up already, and keep their own signals.
-    monkeypatch.setattr(runtime, "configure", lambda devices=1: None)
+    monkeypatch.setattr(runtime, "configure", lambda **_: None)
     monkeypatch.setattr(signal, "signal", lambda *_: None)
 
     def run(model: str, *options: str) -> str:

@@ -60,7 +60,8 @@ def test_the_channel_comes_with_the_dataset_and_is_written_back(tmp_path: Path) 
         np.testing.assert_array_equal(one.time_s, other.time_s)
         np.testing.assert_allclose(one.value, other.value, rtol=1e-12)
     part = data.part([2])
-    assert part.further[0] == [data.further[0][2]]
+    (third,) = part.further[0]
+    np.testing.assert_array_equal(third.value, data.further[0][2].value)
 
 
 def test_units_scale_and_clock_of_the_channel_are_its_own(tmp_path: Path) -> None:

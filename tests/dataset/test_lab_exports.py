@@ -9,7 +9,6 @@ import pytest
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.formats import Channel
 from bayestissue.dataset.recorders import contents_of, read_recording
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.errors import InputError
@@ -84,8 +83,8 @@ def test_names_are_the_last_row_of_text_above_the_numbers(
     if units is not None:
         assert [channel.unit for channel in found.channels.values()] == units
     again = read_recording(tmp_path / "a.txt", "a.txt", signal(time_column=names[0], value_column=names[-1]))
-    np.testing.assert_array_equal(again.value, found.channels[names[-1]].values)
-    assert again.first_row == found.first_row == len(above) + 1
+    np.testing.assert_array_equal(again.values, found.channels[names[-1]].values)
+    assert again.rows[0] == found.first_row == len(above) + 1
 
 
 def test_a_name_that_stands_twice_is_asked_for_by_its_place(tmp_path: Path) -> None:
@@ -130,7 +129,7 @@ def test_start_and_increment_of_an_oscilloscope_are_its_clock(
     assert list(found) == ["X", "CH1", "CH2"]
     np.testing.assert_array_equal(found["CH2"].values, VALUES[1])
     again = read_recording(tmp_path / "a.csv", "a.csv", signal(value_column="CH2"))
-    np.testing.assert_array_equal(again.value, VALUES[1])
+    np.testing.assert_array_equal(again.values, VALUES[1])
     for clock in (found["CH1"].clock, again.clock):
         np.testing.assert_allclose(clock, TIME, rtol=0, atol=1e-15)
 
@@ -141,7 +140,7 @@ def test_cells_may_be_missing_behind_the_columns_in_use(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("\n".join(["time_s,value,comment", *rows]) + "\n")
     found = read_recording(path, "a.csv", signal())
-    np.testing.assert_array_equal(found.value, VALUES[0])
+    np.testing.assert_array_equal(found.values, VALUES[0])
     assert list(contents_of(path, "a.csv").channels) == ["time_s", "value"]
     # A cell of a column that is used is missed with its row, and so is one too many.
     for cut in ("0.002", "0.002,1,2,3"):
@@ -163,8 +162,7 @@ def labview(path: Path, **options: object) -> bytes:
 
 def assert_whole(path: Path) -> None:
     for found in (contents_of(path, path.name).channels["Impact"], read_recording(path, path.name, signal())):
-        value = found.values if isinstance(found, Channel) else found.value
-        np.testing.assert_allclose(value, VALUES[0], rtol=1e-11, atol=0)
+        np.testing.assert_allclose(found.values, VALUES[0], rtol=1e-11, atol=0)
         np.testing.assert_allclose(found.clock, TIME, rtol=0, atol=1e-12)
 
 
@@ -206,8 +204,8 @@ def test_labview_numbers_without_a_header_are_a_table(decimal: str, tmp_path: Pa
     (tmp_path / "a.lvm").write_text("\n".join(rows) + "\n")
     names = signal(time_column="column 1", value_column="column 2")
     found = read_recording(tmp_path / "a.lvm", "a.lvm", names)
-    np.testing.assert_array_equal(found.value, VALUES[0])
-    np.testing.assert_allclose(found.time, TIME, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(found.values, VALUES[0])
+    np.testing.assert_allclose(found.clock, TIME, rtol=0, atol=1e-12)
     assert list(contents_of(tmp_path / "a.lvm", "a.lvm").channels) == ["column 1", "column 2"]
 
 
@@ -242,7 +240,7 @@ def test_a_text_is_read_whatever_it_is_called(
     if columns:
         np.testing.assert_allclose(channels[columns[0]].values, time, atol=1e-6)
         chosen = signal(time_column=columns[0], value_column=columns[1])
-        np.testing.assert_allclose(read_recording(tmp_path / name, name, chosen).time, time, atol=1e-6)
+        np.testing.assert_allclose(read_recording(tmp_path / name, name, chosen).clock, time, atol=1e-6)
     assert [file.name for file in look(tmp_path).files] == [name]
 
 

@@ -9,10 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.checks import check_recordings
-from bayestissue.dataset.limits import at_limit
-from bayestissue.dataset.recordings import Recordings, Samples
+from bayestissue.dataset.checks import Recordings, check_recordings
 from bayestissue.dataset.settings import Quantity, Uncertainty
+from bayestissue.dataset.traces import Samples, at_limit
 
 COUNT = 400
 
@@ -71,7 +70,7 @@ def refused(
         {"impact": [f"i{index}" for index in range(COUNT)], "velocity_m_s": [b.velocity for b in blows]}
     )
     samples = samples_of(blows, value, keep or whole)
-    findings = check_recordings(Recordings.with_impacts(samples, impacts, quantity, Uncertainty()))
+    findings = check_recordings(Recordings(samples, impacts, quantity, Uncertainty()))
     return len({problem.impact for problem in findings.problems})
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from bayestissue.dataset import read_dataset
-from bayestissue.dataset.recordings import Samples
+from bayestissue.dataset.traces import Samples
 from bayestissue.dataset.twins import twins
 from dataset_bench import Lab
 

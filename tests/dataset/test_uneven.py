@@ -7,7 +7,7 @@ import pytest
 from test_limits import SIGNAL, TIME, force, read
 
 import bayestissue as bt
-from bayestissue.dataset.recordings import uneven
+from bayestissue.dataset.traces import Traces
 from bayestissue.errors import InputError
 from bayestissue.signal import displacements
 
@@ -53,7 +53,8 @@ def test_a_lost_sample_is_uneven_and_a_rounded_clock_is_not() -> None:
     lost = np.delete(np.arange(200) * 1e-4, 100)
     times = [np.arange(200) * 3.3e-4, rounded, lost]
     start = np.cumsum([0, *map(len, times)])
-    assert uneven(np.concatenate(times), start).tolist() == [False, False, True]
+    whole = np.concatenate(times)
+    assert Traces(whole, np.zeros_like(whole), start).uneven.tolist() == [False, False, True]
 
 
 def test_a_stated_rate_is_that_of_the_clock_and_not_of_what_was_not_lost() -> None:

@@ -60,9 +60,9 @@ def test_each_block_is_a_recording_with_its_rows(form: str, name: str, tmp_path:
         part = path.with_name(f"{name}#{which + 1}")
         found = read_recording(part, part.name, SIGNAL)
         time, value = recorded(which)
-        np.testing.assert_allclose(found.value, value, rtol=1e-11, atol=0)
+        np.testing.assert_allclose(found.values, value, rtol=1e-11, atol=0)
         np.testing.assert_allclose(found.clock, time, rtol=0, atol=1e-9)
-        assert float(lines[found.first_row - 1].split("\t")[1]) == pytest.approx(value[0])
+        assert float(lines[found.rows[0] - 1].split("\t")[1]) == pytest.approx(value[0])
     with pytest.raises(InputError, match=rf'found "3 blocks"; expected one recording.*such as {name}#1'):
         read_recording(path, name, SIGNAL)
     with pytest.raises(InputError, match=r'found "#4"; expected the number of a block. It has 3'):
@@ -93,7 +93,7 @@ def test_blocks_of_one_sample_are_one_recording(tmp_path: Path) -> None:
 
 def assert_whole(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     found = read_recording(path, path.name, SIGNAL)
-    np.testing.assert_allclose(found.value, value, rtol=1e-11, atol=0)
+    np.testing.assert_allclose(found.values, value, rtol=1e-11, atol=0)
     np.testing.assert_allclose(found.clock, time, rtol=0, atol=1e-9)
     lines = path.read_text().split("\n")
     cells = [float(lines[row - 1].split("\t")[1]) for row in found.rows]
@@ -114,8 +114,8 @@ def test_two_recordings_in_segments_are_two(tmp_path: Path) -> None:
     halves += [(later[:200], other[:200]), (later[200:], other[200:])]
     blocks(tmp_path / "a.lvm", halves)
     first, second = (read_recording(tmp_path / f"a.lvm#{n}", f"a.lvm#{n}", SIGNAL) for n in (1, 2))
-    np.testing.assert_allclose(first.value, value, rtol=1e-11, atol=0)
-    np.testing.assert_allclose(second.value, other, rtol=1e-11, atol=0)
+    np.testing.assert_allclose(first.values, value, rtol=1e-11, atol=0)
+    np.testing.assert_allclose(second.values, other, rtol=1e-11, atol=0)
     assert second.clock[0] == pytest.approx(later[0])
 
 

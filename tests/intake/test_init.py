@@ -19,11 +19,10 @@ from bayestissue.dataset import LowPassFilter
 from bayestissue.dataset.left_out import reasons
 from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
-from bayestissue.selftest.formats import acq
 from command_line import bayestissue
 from dataset_bench import RATE, deceleration
 from page_reader import figures
-from recorder_files import c3d, lvm, markers
+from recorder_files import acq, c3d, lvm, markers
 
 PATTERN = "{subject}_{side}_{mass_kg}kg_{n}"
 VELOCITY = 1.2

@@ -7,9 +7,9 @@ import shutil
 import pandas as pd
 import pytest
 
-from bayestissue.commands import compare
+import bayestissue as bt
+from bayestissue.comparing import same_questions
 from bayestissue.errors import InputError
-from bayestissue.inference.comparing import same_questions
 from bayestissue.report import write_report
 from bayestissue.report.comparison import answers_figure, answers_table
 from bayestissue.results.tables import table_of_rows
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("read_once")
 
 def made(folder, **runs):
     paths = [make_scored_run(folder / name, **options) for name, options in runs.items()]
-    compare.run(paths, out=folder / "out", overwrite=False, quiet=True, as_json=False)
+    bt.compare(*paths).report(folder / "out")
     return folder / "out"
 
 

@@ -15,7 +15,6 @@ from test_estimates_page import make_estimates_run
 
 import bayestissue as bt
 from bayestissue.checking import check
-from bayestissue.commands import compare
 from bayestissue.dataset import read_dataset, write_dataset
 from bayestissue.errors import InputError
 from bayestissue.finished import read_run
@@ -132,7 +131,7 @@ def comparison(folder: Path) -> Path:
     runs = [
         hostile_run(make_scored_run(folder / f"{HOSTILE[:9]}{worse}", worse=worse)) for worse in (0.0, 2.0)
     ]
-    compare.run(runs, out=folder / "out", overwrite=False, quiet=True, as_json=False)
+    bt.compare(*runs).report(folder / "out")
     return folder / "out" / "report.html"
 
 

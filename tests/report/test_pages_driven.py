@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from test_estimates_page import make_estimates_run
 
+import bayestissue as bt
 from bayestissue.checking import check
-from bayestissue.commands import compare
 from bayestissue.dataset import read_dataset, write_dataset
 from bayestissue.report import write_report
 from bayestissue.report.recordings_pages import init_page
@@ -42,7 +42,7 @@ def published(folder: Path) -> Path:
 
 def comparison(folder: Path) -> Path:
     runs = [make_scored_run(folder / f"{worse}", worse=worse) for worse in (0.0, 2.0)]
-    compare.run(runs, out=folder / "out", overwrite=False, quiet=True, as_json=False)
+    bt.compare(*runs).report(folder / "out")
     return folder / "out" / "report.html"
 
 

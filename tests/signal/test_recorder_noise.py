@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import bessel, butter, freqs, sosfilt, sosfiltfilt
 
-from bayestissue.dataset import Dataset
-from bayestissue.dataset.model import Trace
+from bayestissue.dataset import Dataset, Trace
 from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.signal import displacements
 from bayestissue.signal.filters import autocorrelation

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from sphinx.application import Sphinx
 
-from from_program import commands, elements, folders, functions, keys, literature, results, thesis
+from from_program import commands, elements, folders, formats, functions, keys, literature, results, thesis
 
 PARTS: dict[str, Callable[[], str]] = {
     "commands": commands.commands,
@@ -21,6 +21,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "model keys": keys.model,
     "dataset.toml keys": keys.dataset,
     "impacts.csv columns": keys.impacts,
+    "recorder formats": formats.formats,
     "plan keys": keys.plan,
     "campaign keys": keys.campaign,
     "simulate keys": keys.simulation,

@@ -31,9 +31,9 @@ from bayestissue.dataset.impacts import REFERENCE, RESERVED, impact_table, wante
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import left_out_text, reasons, write_left_out
 from bayestissue.dataset.read import checked_dataset
+from bayestissue.dataset.reading import read_files
 from bayestissue.dataset.recorders import suffix_of
 from bayestissue.dataset.settings import FILE as SETTINGS
-from bayestissue.dataset.traces import read_files
 from bayestissue.dataset.write import settings_text
 from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.build import FIRST, RECORDINGS, cut
@@ -518,6 +518,5 @@ def dataset_of(folder: Path, campaign: Campaign, row: Cells) -> Dataset:
 
 def several(data: Dataset) -> int:
     """How many impacts the recording of a dataset of one seems to hold."""
-    (trace,) = data.traces
-    sign = -1.0 if data.quantity == "acceleration" else 1.0
-    return len(cut(type(trace)(trace.time_s, sign * trace.value)))
+    (trace,) = data.traces.slowing(data.quantity)
+    return len(cut(trace))

@@ -9,6 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from bayestissue.bench.campaign import Campaign
+from bayestissue.dataset.cells import in_case_of, standard_names
 from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.facts import FILE, Cells
 from bayestissue.intake.names import columns
@@ -116,7 +117,9 @@ def order_of(campaign: Campaign, plan: Path | None) -> Order:
         InputError: the folder holds no finished plan, or one that has drops which the facts rule out.
     """
     if campaign.order or plan is None:
-        plain = [{k: v for k, v in record.items() if k != FILE} for record in campaign.order]
+        plain = [
+            {k: v for k, v in _as_named(record, campaign).items() if k != FILE} for record in campaign.order
+        ]
         files = tuple(record.get(FILE, "") for record in campaign.order)
         return Order(tuple(columns(record, "order") for record in plain), files=files)
     try:
@@ -127,8 +130,14 @@ def order_of(campaign: Campaign, plan: Path | None) -> Order:
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         raise InputError.stated("no-campaign.plan", str(plan), value="no finished plan") from None
     table = replace(design, lost=0.0, lost_people=0.0).rows().drop(columns="trial")
-    rows = [{str(k): v for k, v in row.items()} for row in table.to_dict("records")]
+    rows = [_as_named(row, campaign) for row in table.to_dict("records")]
     return Order(tuple(_measured(rows, campaign, plan)), people_named=False)
+
+
+def _as_named(row: Mapping[Any, Any], campaign: Campaign) -> dict[str, Any]:
+    """A row with the campaign's names of its columns, in whatever case it has them: they are one column."""
+    names = [*campaign.facts, *(campaign.pattern.fields if campaign.pattern else ())]
+    return dict(zip(in_case_of(names, standard_names(list(map(str, row)))), row.values(), strict=True))
 
 
 def _measured(rows: list[dict[str, Any]], campaign: Campaign, plan: Path) -> list[Cells]:

@@ -27,6 +27,7 @@ from bayestissue.bench.verdict import Verdict, verdict
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.impacts import wanted
 from bayestissue.dataset.recorders import suffix_of
+from bayestissue.dataset.traces import Traces
 from bayestissue.errors import InputError, Problem, printable
 from bayestissue.figures.impacts import end
 from bayestissue.inference.answers.predictions import QUANTITIES
@@ -524,7 +525,7 @@ class Watch:
         joined = replace(
             impact.dataset,
             impacts=pd.concat([data.impacts for data in together], ignore_index=True),
-            traces=[trace for data in together for trace in data.traces],
+            traces=Traces.of([trace for data in together for trace in data.traces]),
         )
         said = [f for f in inspect(joined) if f.kind is KINDS["velocity-contradicted"] and f.said[-1]]
         return f"{said[0].kind.flag}: {said[0].said[-1]}" if said else ""

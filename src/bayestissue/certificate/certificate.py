@@ -19,18 +19,19 @@ from bayestissue.certificate.ranks import calibration_table, ranks_of
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import InputError
 from bayestissue.finished import Fit, fit_run_of, read_run
-from bayestissue.fitting import earlier_run, without_short
+from bayestissue.fitting import FitJob, without_short
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared, with_discrepancy
 from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.fit import Say, sample
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
-from bayestissue.outline import Outlined, Rows, counted, short
+from bayestissue.outline import Rows, counted, short
 from bayestissue.paper.checklists import checklists, checklists_markdown
 from bayestissue.paper.text import text_of
 from bayestissue.report.certificate_page import TABLES, as_markdown, certificate_html
 from bayestissue.report.wording import listed
+from bayestissue.result import Result
 from bayestissue.results.tables import table_of_rows
 
 # Of a refit: enough for ranks among 99 draws.
@@ -38,7 +39,7 @@ _SAMPLER = Sampler(chains=2, draws=1000, effective=150)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Certificate(Outlined):
+class Certificate(Result):
     """What a fit is worth: its calibration about this very study, its priors' part, the journals' checklists.
 
     Attributes:
@@ -50,6 +51,8 @@ class Certificate(Outlined):
         checklists: the items of BARG and GRRAS, answered or asked: ``checklists.csv``.
     """
 
+    command = "certify"
+    files = ("report.html", "certificate.md")
     about: dict[str, Any]
     calibration: pd.DataFrame
     ranks: pd.DataFrame
@@ -75,23 +78,21 @@ class Certificate(Outlined):
         """The verdict in words."""
         return str(self.about["verdict"]["words"])
 
-    def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the folder that `bayestissue certify` writes.
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """The four tables."""
+        return {name: getattr(self, name) for name in TABLES}
 
-        Args:
-            path: a folder that is new or empty.
-            overwrite: replace what is there.
+    def page(self) -> str:
+        """The HTML of the page."""
+        return certificate_html(self.about, self.tables)
 
-        Returns:
-            The path of the page.
-
-        Raises:
-            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
-        """
-        with results.claim(Path(path), overwrite=overwrite, command="certify") as target:
-            with target.folder() as folder:
-                write_certificate(self, folder)
-            return target.path / "report.html"
+    def write(self, folder: Path) -> None:
+        """Write every file of a certificate but the page."""
+        super().write(folder)
+        lists = checklists_markdown(self.checklists)
+        attached = as_markdown(self.about, lists, self.calibration, self.sensitivity)
+        (folder / "certificate.md").write_text(attached, encoding="utf-8")
 
 
 def certify(
@@ -157,7 +158,7 @@ class Study:
         recordings = _recordings(fit, dataset)
         source = str(fit.folder)
         recordings, prepared = prepare_without_phantoms(recordings, fit.specification, source=source)
-        earlier = earlier_run(fit, recordings, fit.specification, prepared)
+        earlier = FitJob(recordings, fit.specification, prepared, fit.seed).earlier_run(fit)
         if "score_without" in fit.about.get("discrepancy", {}):
             prepared = with_discrepancy(recordings, fit.specification, prepared)
         assert earlier.end is not None  # noqa: S101 - `chain_end` raises
@@ -292,15 +293,3 @@ def prior_words(sensitivity: pd.DataFrame) -> str:
     if not moved:
         return "No quantity of the population depends on its prior by more than the usual limit of 0.05."
     return f"The prior has a part in {listed(moved)}: report these with another prior beside them."
-
-
-def write_certificate(certificate: Certificate, folder: Path) -> None:
-    """Write every file of a certificate, the page among them, into ``folder``."""
-    for name in TABLES:
-        results.write_table(getattr(certificate, name), folder / f"{name}.csv")
-    tables = {name: getattr(certificate, name) for name in TABLES}
-    lists = checklists_markdown(certificate.checklists)
-    attached = as_markdown(certificate.about, lists, certificate.calibration, certificate.sensitivity)
-    (folder / "certificate.md").write_text(attached, encoding="utf-8")
-    (folder / "report.html").write_text(certificate_html(certificate.about, tables), encoding="utf-8")
-    results.write_json(certificate.about, folder / "run.json")

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
@@ -25,11 +23,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from bayestissue.errors import more, printable
-from bayestissue.remedies import Code
-
-if TYPE_CHECKING:
-    import pandas as pd
+from bayestissue.errors import printable
 
 
 @dataclass(frozen=True)
@@ -62,42 +56,55 @@ def plain(text: str, style: str = "") -> Text:
     return Text(printable(text, lines=True), style=style)
 
 
-def line(text: str, style: str = "") -> None:
-    """Print one line, however long, that may hold names of any origin."""
-    Console(highlight=False).print(plain(text, style), soft_wrap=True)
-
-
-def table(
-    title: str,
-    headings: Iterable[str],
-    rows: Iterable[Iterable[str]],
-    *,
-    words: Collection[str] | None = None,
-) -> Table:
+@dataclass(frozen=True)
+class Grid:
     """A table of texts of any origin.
 
-    Args:
+    Attributes:
         title: above it.
-        headings: of the columns.
+        headings: of the columns; none are shown where all are empty.
         rows: the cells of each.
         words: the headings of columns that are set to the left; that of the first unless given. Others are
             set to the right. The first column breaks long words.
     """
-    table = Table(title=plain(title), title_justify="left")
-    for number, heading in enumerate(headings):
-        left = number == 0 if words is None else heading in words
-        # Two rows whose first cells begin alike are told apart by the ends of these cells.
-        table.add_column(
-            heading, justify="left" if left else "right", overflow="ellipsis" if number else "fold"
-        )
-    for row in rows:
-        table.add_row(*map(plain, row))
-    return table
+
+    title: str
+    headings: Sequence[str]
+    rows: Iterable[Iterable[str]]
+    words: Collection[str] | None = None
+
+    def drawn(self) -> Table:
+        """As rich prints it."""
+        table = Table(title=plain(self.title), title_justify="left", show_header=any(self.headings))
+        for number, heading in enumerate(self.headings):
+            left = number == 0 if self.words is None else heading in self.words
+            # Two rows whose first cells begin alike are told apart by the ends of these cells.
+            table.add_column(
+                heading, justify="left" if left else "right", overflow="ellipsis" if number else "fold"
+            )
+        for row in self.rows:
+            table.add_row(*map(plain, row))
+        return table
 
 
-def show(table: Table) -> None:
-    """Print a table; on a terminal too narrow for it each cell on a line of its own, behind its heading."""
+class Heading(str):
+    """A line that stands above others."""
+
+    __slots__ = ()
+
+
+# What a command prints: lines, however long, and tables; of an empty line nothing.
+type Shown = str | Heading | Grid
+
+
+def show(what: Shown) -> None:
+    """Print a line, or a table; on a terminal too narrow for it each cell stands on a line of its own."""
     console = Console(highlight=False)
+    if isinstance(what, str):
+        if what:
+            console.print(plain(what, "bold" if isinstance(what, Heading) else ""), soft_wrap=True)
+        return
+    table = what.drawn()
     # A measurement says no more than the width that it may use.
     free = console.options.update(max_width=SCREEN.unbounded)
     if Measurement.get(console, free, table).minimum <= console.width:
@@ -111,18 +118,6 @@ def show(table: Table) -> None:
                 line = Text(f"{column.header}: " if str(column.header) else "")
                 line.append(cell if isinstance(cell, Text) else str(cell))
                 console.print(line, soft_wrap=True)
-
-
-def echo_tables(**tables: pd.DataFrame) -> None:
-    """Print tables as JSON: by their names, each a list of its rows."""
-    content = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
-    echo(json.dumps(content, ensure_ascii=False))
-
-
-def explained(codes: Iterable[Code]) -> None:
-    """Print the command that says more of the warnings of ``codes``; nothing where there are none."""
-    if words := more(codes):
-        echo(words)
 
 
 class Stages:
@@ -156,6 +151,11 @@ class Stages:
             if console.is_terminal and not quiet
             else None
         )
+
+    @property
+    def begun(self) -> bool:
+        """Whether any stage was told."""
+        return bool(self._stage)
 
     def __enter__(self) -> Stages:
         if self._bars is not None:

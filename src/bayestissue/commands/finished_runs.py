@@ -1,21 +1,29 @@
-"""Commands that ask a finished run: `bayestissue ask`, `predict` and `report`."""
+"""Commands of finished fits: `bayestissue ask`, `predict`, `compare`, `certify`, `export` and `report`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bayestissue import results, runtime
-from bayestissue.commands.options import FinishedFit, Json, Overwrite, Quiet
+from bayestissue.certificate import FEWEST_REFITS, MOST_REFITS, REFITS
+from bayestissue.commands.delivery import Call, FinishedFit, Quiet, Seed, delivers
+from bayestissue.errors import more
+from bayestissue.paper import WIDTH_MM
+from bayestissue.remedies import codes_in
+from bayestissue.result import Result
+from bayestissue.words import Words
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bayestissue.finished import Fit
-    from bayestissue.words import Words
+    from bayestissue.certificate.certificate import Certificate
+    from bayestissue.commands.console import Shown
+    from bayestissue.comparing import Comparison
+    from bayestissue.finished import Fit, Paper
 
 _OF_CLAIMS = {
     "posterior": "{value:.3f}",
@@ -41,15 +49,60 @@ _HEADINGS = {
     "expected_loss": "expected loss",
 }
 
+_DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
+_OFF_BEST = {"elpd_difference": "off the best", "se_difference": "its se"}
 
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Answers(Result):
+    """A table that a finished fit was asked for.
+
+    Attributes:
+        fit: that was asked.
+        name: of the table: that of its file, of its page in `bayestissue.report.answers_page`, and in JSON.
+        table: with the answers.
+        draws: a file that joint draws were written to.
+    """
+
+    fit: Fit
+    name: str
+    table: pd.DataFrame
+    draws: Path | None = None
+    about = {}  # noqa: RUF012
+
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """The one table."""
+        return {self.name: self.table}
+
+    def page(self) -> str:
+        """The HTML of the page."""
+        from bayestissue.report import answers_page
+
+        html: str = getattr(answers_page, f"{self.name}_page")(self.table, self.fit.about)
+        return html
+
+    def wrote(self, folder: Path) -> str:
+        """What was written, in a line."""
+        return f"wrote {folder / f'{self.name}.csv'} and {folder / 'report.html'}"
+
+
+def _of_table(answers: Answers) -> Iterator[Shown]:
+    from bayestissue.report.wording import names_in, nouns_of
+
+    shown = of_answers if answers.name == "questions" else of_predictions
+    yield from shown(answers.table, nouns_of(answers.fit.about, names_in(answers.table)))
+    if answers.draws is not None:
+        yield f"wrote {answers.draws}"
+
+
+@delivers("as_json", out=None, inputs=("run",), shown=_of_table)
 def ask(
     run: FinishedFit,
     questions: Annotated[list[str], typer.Argument(metavar="QUESTION...")],
-    out: Path | None = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    *,
+    call: Call,
+) -> Answers:
     """Questions to a finished fit: probability by posterior and prior, Bayes factor, Monte Carlo error.
 
     A comparison gets a probability, all else a median and a 90 % interval. Five examples:
@@ -76,19 +129,21 @@ def ask(
         questions: Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".
         out: Also write questions.csv and report.html to this folder.
     """
-    output = _Output(out, overwrite, quiet, as_json)
-    _answer("ask", "questions", run, lambda fit: fit.ask(*questions), print_answers, output)
+    from bayestissue.finished import read_run
+
+    fit = read_run(run)
+    return Answers(fit, "questions", fit.ask(*questions))
 
 
+# A folder that is replaced, or is yet to be, must not hold the file of draws.
+@delivers("as_json", out=None, inputs=("run", "at", "draws"), shown=_of_table)
 def predict(
     run: FinishedFit,
     at: Annotated[Path, typer.Option(metavar="TABLE.csv")],
-    out: Path | None = None,
     draws: Annotated[Path | None, typer.Option(metavar="FILE")] = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    *,
+    call: Call,
+) -> Answers:
     """K, C, depth, force, energy and other outcomes of new impacts, by a finished fit.
 
     Each row of the table is one new impact, so the intervals hold its scatter too. Numbers that are not given
@@ -103,20 +158,11 @@ def predict(
         draws: Also write joint draws of all rows to this file, NAME.parquet or NAME.nc (netCDF), from which
             any function of them follows with its interval.
     """
-    output = _Output(out, overwrite, quiet, as_json)
+    from bayestissue.finished import read_run
 
-    def predicted(fit: Fit) -> pd.DataFrame:
-        from bayestissue.commands.console import Stages
-
-        with Stages(quiet=quiet) as say:
-            return fit.predict(at, draws=draws, overwrite=overwrite, say=say)
-
-    # A folder that is replaced, or is yet to be, must not hold the file.
-    _answer("predict", "predictions", run, predicted, _print_predictions, output, at, draws)
-    if draws is not None and not (quiet or as_json):
-        from bayestissue.commands.console import echo
-
-        echo(f"wrote {draws}")
+    fit = read_run(run)
+    table = fit.predict(at, draws=draws, overwrite=call.overwrite, say=call.say)
+    return Answers(fit, "predictions", table, draws)
 
 
 def report(
@@ -136,70 +182,115 @@ def report(
         echo(f"wrote {path}")
 
 
-class _Output(NamedTuple):
-    """Where to write, and how: the options of that name."""
+@delivers(inputs=("run", "certificate"))
+def export(
+    run: FinishedFit,
+    certificate: Annotated[Path | None, typer.Option(metavar="DIR")] = None,
+    width: Annotated[float, typer.Option(metavar="MM", min=40, max=400)] = WIDTH_MM,
+    *,
+    call: Call,
+) -> Paper:
+    """A finished fit for a paper: methods and results as text, all tables in one workbook, figures.
 
-    out: Path | None
-    overwrite: bool
-    quiet: bool
-    as_json: bool
+    methods.md and methods.docx hold paragraphs with this run's numbers, settings, versions and references;
+    read them before you use them, and say what the program can't know: who was measured, where and why.
+    tables.xlsx has every table of the run, an impact a row, and people_wide, a row a person and a column a
+    side and condition, as SPSS, JASP and Excel want it; its sheet columns says what each means. figures/ has
+    each figure as SVG, PDF and PNG, and the rows that it is drawn from as CSV.
 
-
-def _answer(
-    command: str,
-    name: str,
-    run: Path,
-    table_of: Callable[[Fit], pd.DataFrame],
-    show: Callable[[pd.DataFrame, Words], None],
-    output: _Output,
-    *inputs: Path | None,
-) -> None:
-    """Make a table of a finished run, print it, and write it into the folder for it if there is one.
+    checklists.md has the checklists BARG (Bayesian analyses) and GRRAS (reliability), answered where the run
+    knows the answer; the rest are questions to you.
 
     Args:
-        command: what the folder says wrote it.
-        name: of the table: that of its file, of its page in `bayestissue.report.answers_page`, and its key in
-            JSON.
-        run: the run's folder.
-        table_of: makes the table.
-        show: prints it, with the nouns of the run's dataset.
-        output: where and how.
-        inputs: files besides the run that are read, or written, and must not be overwritten.
-
-    Raises:
-        InputError: ``run`` is no finished fit, ``table_of`` finds something wrong, or the folder is not free.
+        certificate: Folder of `bayestissue certify` of this run, whose verdict the checklists then state.
+        width: Of a figure in print; a journal's column is about 85 mm wide, its page 170.
     """
-    out, overwrite, quiet, as_json = output
-    with results.claim_if(out, overwrite=overwrite, command=command, inputs=(run, *inputs)) as target:
-        runtime.configure()
-        from bayestissue.commands.console import echo, echo_tables
-        from bayestissue.finished import read_run
-        from bayestissue.report.wording import names_in, nouns_of
+    from bayestissue.finished import read_run
 
-        finished = read_run(run)
-        table = table_of(finished)
-        if target is not None:
-            with target.folder() as folder:
-                from bayestissue.report import answers_page
-
-                results.write_table(table, folder / f"{name}.csv")
-                page = getattr(answers_page, f"{name}_page")(table, finished.about)
-                (folder / "report.html").write_text(page, encoding="utf-8")
-        if as_json:
-            echo_tables(**{name: table})
-        elif not quiet:
-            show(table, nouns_of(finished.about, names_in(table)))
-            if target is not None:
-                echo(f"wrote {target.path / f'{name}.csv'} and {target.path / 'report.html'}")
+    return read_run(run).paper(certificate=certificate, width_mm=width)
 
 
-def print_answers(answers: pd.DataFrame, nouns: Words) -> None:
+def _of_certificate(certificate: Certificate) -> Iterator[Shown]:
+    nouns, items = Words(certificate.about["words"]), certificate.checklists
+    yield nouns(certificate.about["verdict"]["prior"])
+    answered = int(items["answered"].sum())
+    yield f"checklists: {answered} of {len(items)} items answered; the others are questions"
+
+
+def _beside(given: Mapping[str, Any]) -> Path:
+    """Where a certificate goes: beside the run."""
+    run: Path = given["run"].resolve()
+    return run.with_name(f"{run.name}-certificate")
+
+
+@delivers(
+    out=_beside,
+    inputs=("run", "dataset"),
+    verdict=lambda certificate: [Words(certificate.about["words"])(certificate.words)],
+    shown=_of_certificate,
+    one_core=True,
+)
+def certify(
+    run: FinishedFit,
+    refits: Annotated[int, typer.Option(min=FEWEST_REFITS, max=MOST_REFITS)] = REFITS,
+    dataset: Annotated[Path | None, typer.Option(metavar="DATASET")] = None,
+    seed: Seed = 0,
+    *,
+    call: Call,
+) -> Certificate:
+    """Certify a finished fit: draw its study anew from its own posterior, fit it each time, and compare.
+
+    Of a fit that samples its posterior, nine in ten 90 % intervals of such refits hold the truth that was
+    drawn, and its ranks are uniform (posterior simulation-based calibration). The certificate also says which
+    results the priors move, and has the checklists BARG and GRRAS, answered where the run knows the answer.
+    It tests the program on this study, not the model: for that see the report's section on residuals.
+
+    The example takes about five minutes. An interrupted certificate goes on where it stopped when the same
+    command is given again. Exit status 3: not calibrated, or the fit's own diagnostics failed.
+
+    Args:
+        out: Folder for the certificate; RUN-certificate beside the run unless given.
+        refits: Studies that are drawn and fitted. Twenty show gross faults, a hundred finer ones.
+        dataset: The recordings that were fitted, where they are no longer where the run says.
+    """
+    from bayestissue.certificate.certificate import Study, certificate_of
+
+    study = Study.of_run(run, dataset)
+    return certificate_of(study, refits, seed, call.say, parts=call.parts(study.job(refits, seed)))
+
+
+def _of_comparison(compared: Comparison) -> Iterator[Shown]:
+    yield from of_comparison(compared.comparison, compared.posteriors)
+    if compared.asked:
+        yield from of_compared_answers(compared.answers, compared.asked)
+
+
+@delivers("as_json", out=None, inputs=("runs",), shown=_of_comparison)
+def compare(
+    runs: Annotated[list[Path], typer.Argument(metavar="DIR")],
+    ask: Annotated[list[str] | None, typer.Option(metavar="QUESTION")] = None,
+    *,
+    call: Call,
+) -> Comparison:
+    """Which finished fit predicts best what it has not seen, and whether the fits agree on K and C.
+
+    Args:
+        runs: Folders of two or more finished fits of one dataset.
+        ask: Answered by each run, such as "peak_force[mass_kg=5, velocity_m_s=2] < 300"; may be given
+            several times.
+        out: Also write the tables and a page with figures.
+    """
+    from bayestissue import comparing
+
+    return comparing.compare(*runs, ask=ask or ())
+
+
+def of_answers(answers: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     """Claims and numbers, each as a table, and under them what is to be said of single ones."""
     import pandas as pd
 
-    from bayestissue.commands.console import explained, line, show, table
+    from bayestissue.commands.console import Grid
     from bayestissue.declarations import filled, general
-    from bayestissue.remedies import codes_in
     from bayestissue.report.wording import estimated
 
     chosen = answers["level"] != ""
@@ -218,26 +309,26 @@ def print_answers(answers: pd.DataFrame, nouns: Words) -> None:
 
     if claims.any():
         rows = [[row["question"], *cells(row, _OF_CLAIMS)] for row in answers[claims].to_dict("records")]
-        show(table("probability of each claim", ["claim", *headings(_OF_CLAIMS)], rows))
+        yield Grid("probability of each claim", ["claim", *headings(_OF_CLAIMS)], rows)
     if numbers.any():
         rows = [
             [row["question"], *numbers_of(row), row["unit"], general(row["mcse"], 2)]
             for row in answers[numbers].to_dict("records")
         ]
         names = ["quantity", *headings(_OF_NUMBERS), "unit", _HEADINGS["mcse"]]
-        show(table("median and 90 % interval", names, rows, words=("quantity", "unit")))
+        yield Grid("median and 90 % interval", names, rows, words=("quantity", "unit"))
     for question, levels in answers[chosen].groupby("question", sort=False):
         rows = [
             [row["level"], *numbers_of(row), *cells(row, _OF_CHOICES), row["unit"]]
             for row in levels.to_dict("records")
         ]
         names = ["level", *headings(_OF_NUMBERS), "is best", *headings(_OF_CHOICES)[1:], "unit"]
-        show(table(str(question), names, rows, words=("level", "unit")))
+        yield Grid(str(question), names, rows, words=("level", "unit"))
     for question, of_question in answers.groupby("question", sort=False):
         for who, note in _notes(of_question):
-            line(f"  {', '.join([str(question), *who])}: {nouns(note)}")
-    line(f"  {_counts(answers)}")
-    explained(codes_in("; ".join(answers["note"])))
+            yield f"  {', '.join([str(question), *who])}: {nouns(note)}"
+    yield f"  {_counts(answers)}"
+    yield more(codes_in("; ".join(answers["note"])))
 
 
 def _notes(answers: pd.DataFrame) -> list[tuple[list[str], str]]:
@@ -256,10 +347,9 @@ def _counts(table: pd.DataFrame) -> str:
     return f"{int(posterior)} draws of the posterior{of_prior}" if posterior > 0 else ""
 
 
-def _print_predictions(predictions: pd.DataFrame, nouns: Words) -> None:
+def of_predictions(predictions: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     """The median of each quantity with its 90 % interval, and under the table what each row was given."""
-    from bayestissue.commands.console import explained, line, show, table
-    from bayestissue.remedies import codes_in
+    from bayestissue.commands.console import Grid
     from bayestissue.report.wording import FIRST_PREDICTED, covariate_words, predicted_words
 
     headings = [f"{heading.removeprefix('time ')} ({unit})" for heading, unit, _ in FIRST_PREDICTED.values()]
@@ -268,9 +358,74 @@ def _print_predictions(predictions: pd.DataFrame, nouns: Words) -> None:
         [str(number), *("\n".join(predicted_words(row, name)) for name in FIRST_PREDICTED)]
         for number, row in enumerate(rows, start=1)
     )
-    show(table(nouns("a new impact: median and 90 % interval"), ["row", *headings], cells))
+    yield Grid(nouns("a new impact: median and 90 % interval"), ["row", *headings], cells)
     for number, row in enumerate(rows, start=1):
         words = [covariate_words(row)]
         words += [f"new: {row['new']}"] * bool(row["new"]) + [nouns(row["note"])] * bool(row["note"])
-        line(f"  row {number}: {'; '.join(words)}")
-    explained(codes_in("; ".join(predictions["note"])))
+        yield f"  row {number}: {'; '.join(words)}"
+    yield more(codes_in("; ".join(predictions["note"])))
+
+
+def of_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame) -> Iterator[Shown]:
+    """The two tables; see `bayestissue.comparing`."""
+    import pandas as pd
+
+    from bayestissue.commands.console import SCREEN, Grid
+    from bayestissue.comparing import OF_OUTCOMES
+
+    words = ["model"] + (["data"] if len(comparison["data"].unique()) > 1 else [])
+    headings = [
+        *("run" if name == "model" else name for name in words),
+        *(_OFF_BEST.get(k, k) for k in _DIGITS),
+    ]
+    for scheme, rows in comparison.groupby("scheme", sort=False):
+        cells = (
+            [
+                *(row[k] for k in words),
+                *(f"{row[k]:.{d}f}" if pd.notna(row[k]) else "" for k, d in _DIGITS.items()),
+            ]
+            for row in rows.to_dict("records")
+        )
+        yield Grid(str(scheme), headings, cells, words=("run", "data"))
+        for row in rows[rows["warning"] != ""].to_dict("records"):
+            yield f"  {row['model']}: {row['warning']}"
+    yield more(codes_in("; ".join(comparison["warning"])))
+    people = posteriors[posteriors["label"] != ""]
+    few = people["label"].nunique() <= SCREEN.people
+    together = posteriors["label"] == ""
+    of_outcomes = posteriors["variable"].isin(OF_OUTCOMES)
+    shown = posteriors[together | ~of_outcomes] if few else posteriors[together]
+    yield from _of_posteriors(shown)
+    if count := people["label"].nunique():
+        what = "outcomes" if few else "K, C and outcomes"
+        yield f"  {what} of the {count} people: --json prints them, --out writes posteriors.csv"
+
+
+def of_compared_answers(answers: pd.DataFrame, questions: Collection[str]) -> Iterator[Shown]:
+    """What was asked on the command line: a line of each run."""
+    from bayestissue.report.comparison import answer_words
+
+    # A choice has an answer for each level.
+    shown = answers[answers["question"].str.startswith(tuple(questions))]
+    for question, rows in shown.groupby("question", sort=False):
+        yield str(question)
+        width = rows["run"].str.len().max()
+        for row in rows.to_dict("records"):
+            yield f"  {row['run']:{width}}  {answer_words(row)}"
+
+
+def _of_posteriors(posteriors: pd.DataFrame) -> Iterator[Shown]:
+    """Each quantity with what its intervals are of, and under it a line for each run."""
+    from bayestissue.commands.console import Heading
+    from bayestissue.inference.results.meanings import heading_words
+    from bayestissue.report.wording import estimated
+
+    yield Heading("posteriors: median and 90 % interval")
+    for (variable, level, label, unit), shown in posteriors.groupby(
+        ["variable", "of", "label", "unit"], sort=False
+    ):
+        yield heading_words(str(variable), str(level), str(label)) + ("" if unit == "1" else f" ({unit})")
+        width = shown["run"].str.len().max()
+        for row in shown.to_dict("records"):
+            median, low, high = estimated(*(row[name] for name in ("median", "eti90_low", "eti90_high")))
+            yield f"  {row['run']:{width}}  {median}, {low} to {high}"

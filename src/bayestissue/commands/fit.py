@@ -4,55 +4,56 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bayestissue import results, runtime
-from bayestissue.commands.options import (
-    FAILED_DIAGNOSTICS,
-    DatasetFolder,
-    FormulaOfC,
-    Model,
-    Out,
-    Overwrite,
-    Quiet,
-    Scheduler,
-    Seed,
-    SkipBad,
-)
-from bayestissue.errors import Coded
+from bayestissue import runtime
+from bayestissue.commands.delivery import Call, DatasetFolder, FormulaOfC, Model, Seed, delivers
+from bayestissue.commands.finished_runs import certify as certify_run
+from bayestissue.commands.finished_runs import of_answers
+from bayestissue.errors import Coded, codes_of, more
+from bayestissue.result import after_results
 from bayestissue.words import Words
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from bayestissue.errors import Problem
+    from bayestissue.commands.console import Shown
+    from bayestissue.dataset import Dataset
+    from bayestissue.finished import Fit
     from bayestissue.hierarchy.specification import ModelSpecification
     from bayestissue.hierarchy.trace_data import Prepared
-    from bayestissue.remedies import Code
 
 # Warnings of a dataset by which people may be counted wrongly.
 _OF_PEOPLE = ("one-person-or-two", "two-spellings")
 
 
-def run(
+def _of_fit(fit: Fit) -> Iterator[Shown]:
+    from bayestissue.inference.samplers.diagnostics import headline, warned_codes
+
+    assert fit.dataset is not None and fit.prepared is not None  # noqa: S101, PT018 - just fitted
+    nouns = Words(fit.about["words"])
+    if fit.specification.questions:
+        yield from of_answers(fit.questions, nouns)
+    yield from nouns(f"{headline(fit.diagnostics)}\n{fit.verdict}").splitlines()
+    yield more([*codes_of(what_is_untold(fit.dataset, fit.prepared)), *warned_codes(fit.diagnostics)])
+
+
+@delivers("scheduler", "skip_bad", inputs=("dataset", "model"), shown=_of_fit, one_core=True)
+def fit(
     dataset: DatasetFolder,
-    out: Out,
     model: Model = None,
     K: Annotated[str | None, typer.Option("--K", metavar="FORMULA")] = None,
     C: FormulaOfC = None,
     ask: Annotated[list[str] | None, typer.Option(metavar="QUESTION")] = None,
     continue_from: Annotated[Path | None, typer.Option("--continue", metavar="RUN")] = None,
     certify: bool = False,
-    scheduler: Scheduler = None,
     seed: Seed = 0,
-    skip_bad: SkipBad = False,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
+    *,
+    call: Call,
+) -> Fit:
     """The posterior of K and C from the traces: of every impact, person and condition, and of the exponents.
 
     An interrupted fit goes on where it stopped when the same command is given again. A finished one goes on
@@ -67,75 +68,59 @@ def run(
             they ended; may be --out itself, with --overwrite.
         certify: Then certify the fit, as `bayestissue certify` does, in OUT-certificate.
     """
-    runtime.configure(one_core=True)
-    with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as target:
-        from bayestissue.commands.console import Stages, echo, explained
-        from bayestissue.commands.finished_runs import print_answers
-        from bayestissue.dataset import read_dataset
-        from bayestissue.finished import CHAIN, page_html, write_run
-        from bayestissue.fitting import fit_job
-        from bayestissue.inference.execution.workers import on_cluster
-        from bayestissue.inference.samplers.diagnostics import headline, warned_codes
-        from bayestissue.report import draw_page
+    from bayestissue.dataset import read_dataset
+    from bayestissue.finished import CHAIN
+    from bayestissue.fitting import FitRequest, fit_job
+    from bayestissue.inference.execution.workers import on_cluster
 
-        data = read_dataset(dataset, skip_bad=skip_bad)
+    data = read_dataset(dataset, skip_bad=call.skip_bad)
 
-        def resolved(specification: ModelSpecification) -> None:
-            if model is None and not quiet:
-                echo(f"model {specification.name}, that of a recorded {data.quantity}; --model takes another")
+    def resolved(specification: ModelSpecification) -> None:
+        if model is None:
+            call.echo(
+                f"model {specification.name}, that of a recorded {data.quantity}; --model takes another"
+            )
 
-        asked: dict[str, Any] = {"K": K, "C": C, "ask": ask or [], "continue_from": continue_from}
-        job = fit_job(data, model, seed, **asked, skip_short=skip_bad, resolved=resolved)
-        nouns = Words(data.words)
-        codes = [] if quiet else _say_what_is_told(job.prepared, nouns, data.warnings)
-        # What must be the same for a checkpoint to be one of this job.
-        content = [data.input_hash, job.specification.model_dump_json(), seed, runtime.versions()]
-        if continue_from is not None:
-            content.append(runtime.content_hash([continue_from / CHAIN]))
-        key = hashlib.sha256(json.dumps(content).encode()).hexdigest()
-        with Stages(quiet=quiet) as say:
-            with on_cluster(scheduler), target.unfinished(key) as finished:
-                fit = job.fit(say, checkpoints=finished)
-                with target.folder() as folder:
-                    write_run(fit, folder, say)
-            say("writing the report", 0, 1)
-            draw_page(target.path, partial(page_html, fit))
-        if not quiet:
-            if job.specification.questions:
-                print_answers(fit.questions, nouns)
-            echo(nouns(f"{headline(fit.diagnostics)}\n{fit.verdict}"))
-            explained([*codes, *warned_codes(fit.diagnostics)])
-            echo(f"wrote {target.path / 'report.html'}")
-    passed = fit.diagnostics["passed"]
+    request = FitRequest(model, K, C, ask or [], continue_from)
+    job = fit_job(data, request, seed, skip_short=call.skip_bad, resolved=resolved)
+    nouns = Words(data.words)
+    for words in what_is_untold(data, job.prepared):
+        call.echo(nouns(words))
+    # What must be the same for a checkpoint to be one of this job.
+    content = [data.input_hash, job.specification.model_dump_json(), seed, runtime.versions()]
+    if continue_from is not None:
+        content.append(runtime.content_hash([continue_from / CHAIN]))
     if certify:
-        from bayestissue.commands.certify import certified
-        from bayestissue.report.run_folder import after_results
-
-        again = f"`bayestissue certify {target.path}` goes on with it"
-        failed = "they could not be certified"
-        with after_results(target.path, again, failed=failed, code="certificate-not-made"):
-            passed &= certified(target.path, seed=seed, overwrite=overwrite, quiet=quiet)
-    if not passed:
-        raise typer.Exit(FAILED_DIAGNOSTICS)
+        call.then = partial(_certified, seed=seed, call=call)
+    parts = call.parts(hashlib.sha256(json.dumps(content).encode()).hexdigest())
+    with on_cluster(call.scheduler):
+        return job.fit(call.say, checkpoints=parts)
 
 
-def _say_what_is_told(prepared: Prepared, nouns: Words, warnings: Sequence[Problem]) -> list[Code]:
-    """What these data can't tell, before the work begins; the codes of what was said."""
-    from bayestissue.commands.console import echo
-    from bayestissue.errors import codes_of
+def _certified(run: Path, seed: int, call: Call) -> bool:
+    """Whether the certificate of a run, which is made now, passed."""
+    again = f"`bayestissue certify {run}` goes on with it"
+    with after_results(run, again, failed="they could not be certified", code="certificate-not-made"):
+        try:
+            certify_run(run=run, seed=seed, overwrite=call.overwrite, quiet=call.quiet)
+        except typer.Exit:
+            return False
+    return True
+
+
+def what_is_untold(dataset: Dataset, prepared: Prepared) -> list[str]:
+    """What these data can't tell, to be said before the work begins."""
     from bayestissue.hierarchy.formulas.formula import left_out_words
     from bayestissue.hierarchy.untried import untried, untried_words
     from bayestissue.inference.results.meanings import ONE_IMPACT, few_valued_words
 
     # Who is who decides how much the people tell.
     words = [
-        *[Coded(str(problem), problem.code) for problem in warnings if problem.code in _OF_PEOPLE],
+        *[Coded(str(problem), problem.code) for problem in dataset.warnings if problem.code in _OF_PEOPLE],
         left_out_words(prepared.design.terms_left_out()),
         *untried_words(untried(prepared.design.recorded)),
         *few_valued_words(prepared.design.few_valued()),
         *[ONE_IMPACT] * (len(prepared.impacts) == 1),
         *[f"contact is taken to be {prepared.signal.phase.words}"] * prepared.signal.phase.known,
     ]
-    for said in filter(None, words):
-        echo(nouns(said))
-    return codes_of(words)
+    return [said for said in words if said]

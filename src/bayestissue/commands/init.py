@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
 
-from bayestissue.commands.options import Json, Overwrite, Quiet
+from bayestissue.commands.delivery import Json, Overwrite, Quiet
 from bayestissue.declarations import taking
 from bayestissue.errors import Problem, by_cause, printable, refuse
 
@@ -47,7 +47,7 @@ def run(
     as_json: Json = False,
     **stated: Any,
 ) -> None:
-    """Make a dataset of a folder of recorder files: CSV, Excel, Parquet, .lvm, .tdms, .mat, .c3d, .acq, .h5.
+    """Make a dataset of a folder of recorder files: tables, LabVIEW, MATLAB, C3D and others.
 
     What the files do not say is asked for at a terminal, or given as options. Files such as
     s01_left_2.5kg_1.lvm, whose names are read as {subject}_{side}_{mass_kg}kg_{n}, dropped from 12 cm:
@@ -63,7 +63,8 @@ def run(
             The dataset is called after it.
         **stated: what the files do not say.
     """
-    from bayestissue.commands.console import echo, explained
+    from bayestissue.commands.console import echo, show
+    from bayestissue.errors import more
     from bayestissue.intake import choices_of, default_out, prepare, write
 
     intake = prepare(folder, choices_of(**{name: _read(name, value) for name, value in stated.items()}))
@@ -77,7 +78,7 @@ def run(
     if not quiet and not as_json:
         for problem in by_cause(built.left_out):
             echo(f"left out: {problem} [{problem.code}]")
-        explained(problem.code for problem in built.left_out)
+        show(more(problem.code for problem in built.left_out))
         for words in intake.written():
             echo(f"texts read as: {words}")
         for words in intake.passed_over():
@@ -86,9 +87,9 @@ def run(
             echo(note)
         echo(f"wrote {path}; look at {path / 'init.html'}")
     if not quiet:
-        from bayestissue.commands import check
+        from bayestissue.commands import datasets
 
-        check.run(path, out=None, skip_bad=False, overwrite=False, quiet=False, as_json=as_json)
+        datasets.check(dataset=path, as_json=as_json)
 
 
 def _option(name: str, argument: Parameter, meaning: str) -> tuple[Parameter, str]:

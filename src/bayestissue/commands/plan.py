@@ -2,26 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bayestissue import results, runtime
-from bayestissue.commands.options import FormulaOfC, Json, Model, OtherSeed, Out, Overwrite, Quiet
-from bayestissue.errors import InputError, all_of
+from bayestissue.commands.delivery import Call, FormulaOfC, Model, OtherSeed, delivers
+from bayestissue.errors import InputError, all_of, more
 from bayestissue.outline import counted
 from bayestissue.planning.settings import PLAN as SETTINGS
+from bayestissue.remedies import codes_in
 from bayestissue.words import Words
 
 if TYPE_CHECKING:
+    from bayestissue.commands.console import Shown
     from bayestissue.planning.plan import Plan
     from bayestissue.planning.specification import PlanSpecification
 
 
-def run(
-    out: Out,
+def _of_plan(plan: Plan) -> Iterator[Shown]:
+    from bayestissue.commands.console import Grid
+    from bayestissue.outline import numbers_in_short
+    from bayestissue.planning.words import duration
+    from bayestissue.report.wording import nouns_of_plan, with_error
+
+    designs = plan.content["designs"]
+    goals = [name.replace("_", " ") for name in designs[0]["goals"]]
+    recorders = ["recorder"] if designs[0]["recorder"] else []
+    headings = [nouns_of_plan(plan.content)("people"), "kg", "m/s", "repeats", *recorders, "takes", *goals]
+    rows = [
+        [
+            str(design["people"]),
+            *(numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")),
+            str(design["repeats"]),
+            *(design[name] for name in recorders),
+            duration(design["minutes"]),
+            *(with_error(goal["answered"], goal["se"]) for goal in design["goals"].values()),
+        ]
+        for design in designs
+    ]
+    yield Grid(f"{plan.content['plan']['name']}: the probability of an answer", headings, rows)
+    yield plan.answer
+    yield plan.content["warning"]
+    yield more(codes_in(plan.content["warning"]))
+
+
+@delivers("as_json", inputs=("file", "model", "after", "dataset"), shown=_of_plan)
+def plan(
     file: Annotated[Path | None, typer.Argument(metavar="PLAN.toml")] = None,
     people: Annotated[str | None, typer.Option(metavar="NUMBERS")] = None,
     masses: Annotated[list[str] | None, typer.Option(metavar="KG")] = None,
@@ -37,10 +65,9 @@ def run(
     dataset: Annotated[Path | None, typer.Option(metavar="DATASET")] = None,
     studies: Annotated[int | None, typer.Option(min=SETTINGS.block)] = None,
     seed: OtherSeed = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
-) -> None:
+    *,
+    call: Call,
+) -> Plan:
     """How many people, masses and impacts it takes to answer a question, before anyone is hit.
 
     Studies of each design are drawn from what is believed of people and tissue. Each is analysed as `fit`
@@ -67,37 +94,22 @@ def run(
         studies: Studies that are drawn of each design, a multiple of 100; 500 unless the plan says.
         seed: Instead of the plan's.
     """
-    with results.claim(
-        out, overwrite=overwrite, command="plan", inputs=(file, model, after, dataset)
-    ) as target:
-        runtime.configure()
-        from bayestissue.commands.console import Stages, echo, echo_tables
-        from bayestissue.planning.analysis import study_of
-        from bayestissue.planning.plan import carry_out, known_studies, with_changes, write_plan
-        from bayestissue.report import draw_page
+    from bayestissue.planning.analysis import study_of
+    from bayestissue.planning.plan import carry_out, known_studies, with_changes
 
-        options = {"--people": people, "--masses": masses, "--velocities": velocities, "--repeats": repeats}
-        options |= {"--within": within, "--groups": groups, "--ask": ask}
-        options |= {"--model": model, "--K": K, "--C": C}
-        plan, source = _specification(file, options)
-        plan = with_changes(plan, source, "after", run=after, dataset=dataset)
-        plan = with_changes(plan, source, "goal", studies=studies, seed=seed)
-        study = study_of(plan, source)
-        if not quiet and not file:
-            _say_compared(options, echo)
-            _say_factors(plan, Words(study.words), echo)
-        known = known_studies(target.path)
-        # Studies are kept by what they depend on, so that those of another plan do no harm.
-        with Stages(quiet=quiet or as_json) as say, target.unfinished("plan") as parts:
-            done = carry_out(study, say=say, known=known, parts=parts)
-            with target.folder() as folder:
-                write_plan(done, folder)
-        draw_page(target.path)
-        if as_json:
-            echo_tables(designs=done.designs)
-        elif not quiet:
-            _print(done)
-            echo(f"wrote {target.path / 'designs.csv'} and {target.path / 'report.html'}")
+    options = {"--people": people, "--masses": masses, "--velocities": velocities, "--repeats": repeats}
+    options |= {"--within": within, "--groups": groups, "--ask": ask}
+    options |= {"--model": model, "--K": K, "--C": C}
+    stated, source = _specification(file, options)
+    stated = with_changes(stated, source, "after", run=after, dataset=dataset)
+    stated = with_changes(stated, source, "goal", studies=studies, seed=seed)
+    study = study_of(stated, source)
+    for words in () if file else (*_compared(options), *_factors(stated, Words(study.words))):
+        call.echo(words)
+    assert call.out is not None  # noqa: S101 - it is required
+    # Studies are kept by what they depend on, so that those of another plan do no harm.
+    known, parts = known_studies(call.out), call.parts("plan")
+    return carry_out(study, say=call.say, known=known, parts=parts)
 
 
 def _specification(file: Path | None, options: dict[str, Any]) -> tuple[PlanSpecification, str]:
@@ -147,48 +159,20 @@ def _levels(texts: Sequence[str] | None, option: str, example: str) -> dict[str,
     return levels or None
 
 
-def _say_compared(options: Mapping[str, Any], echo: Callable[[str], None]) -> None:
+def _compared(options: Mapping[str, Any]) -> Iterator[str]:
     """What several options of one value each mean, which others take for one design of all of them."""
     for option, noun in (("--masses", "mass"), ("--velocities", "velocity")):
         values = options[option] or []
         if len(values) > 1 and not any("," in value for value in values):
             together = f"write {option} {','.join(values)}"
-            echo(f"{counted(len(values), 'design')} of one {noun} each; for one design of all, {together}")
+            yield f"{counted(len(values), 'design')} of one {noun} each; for one design of all, {together}"
 
 
-def _say_factors(plan: PlanSpecification, nouns: Words, echo: Callable[[str], None]) -> None:
+def _factors(plan: PlanSpecification, nouns: Words) -> Iterator[str]:
+    """Factors at whose every level each person is hit, where they are not groups of people."""
     for factor in plan.candidates.factors:
         if factor.within:
             sentence, groups = nouns("each person is hit at"), nouns("of groups of people write")
             levels = " and ".join(factor.levels)
             option = f"--groups {factor.name}={','.join(factor.levels)}"
-            echo(f"{factor.name}: {sentence} {levels}; {groups} {option}")
-
-
-def _print(plan: Plan) -> None:
-    from bayestissue.commands.console import explained, line, show, table
-    from bayestissue.outline import numbers_in_short
-    from bayestissue.planning.words import duration
-    from bayestissue.remedies import codes_in
-    from bayestissue.report.wording import nouns_of_plan, with_error
-
-    designs = plan.content["designs"]
-    goals = [name.replace("_", " ") for name in designs[0]["goals"]]
-    recorders = ["recorder"] if designs[0]["recorder"] else []
-    headings = [nouns_of_plan(plan.content)("people"), "kg", "m/s", "repeats", *recorders, "takes", *goals]
-    rows = [
-        [
-            str(design["people"]),
-            *(numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")),
-            str(design["repeats"]),
-            *(design[name] for name in recorders),
-            duration(design["minutes"]),
-            *(with_error(goal["answered"], goal["se"]) for goal in design["goals"].values()),
-        ]
-        for design in designs
-    ]
-    show(table(f"{plan.content['plan']['name']}: the probability of an answer", headings, rows))
-    line(plan.answer)
-    if plan.content["warning"]:
-        line(plan.content["warning"])
-        explained(codes_in(plan.content["warning"]))
+            yield f"{factor.name}: {sentence} {levels}; {groups} {option}"

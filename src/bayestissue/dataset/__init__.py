@@ -13,9 +13,10 @@ from types import ModuleType
 from typing import Any
 
 from bayestissue.dataset.arrays import dataset as _from_arrays
-from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.read import as_dataset, read_dataset
 from bayestissue.dataset.settings import LowPassFilter, Quantity, Uncertainty
+from bayestissue.dataset.traces import Trace, Traces
 from bayestissue.dataset.write import write_dataset
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "LowPassFilter",
     "Quantity",
     "Trace",
+    "Traces",
     "Uncertainty",
     "as_dataset",
     "read_dataset",

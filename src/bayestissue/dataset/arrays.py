@@ -16,10 +16,10 @@ from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.cells import cells_of, column_problems
 from bayestissue.dataset.channels import on_first_clock
 from bayestissue.dataset.impacts import impact_table, wanted
-from bayestissue.dataset.model import Dataset, Trace
-from bayestissue.dataset.own_clock import with_own_clock
+from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.read import checked_dataset
-from bayestissue.dataset.recordings import Reading
+from bayestissue.dataset.reading import long_reading
+from bayestissue.dataset.recorders import with_own_clock
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import (
     PLACES,
@@ -33,7 +33,7 @@ from bayestissue.dataset.settings import (
     reworded,
 )
 from bayestissue.dataset.tables import Columns, Labels, Numbers
-from bayestissue.dataset.traces import long_reading
+from bayestissue.dataset.traces import Reading, Trace
 from bayestissue.declarations import taking
 from bayestissue.errors import InputError, Problem, all_of, along_with, refuse
 
@@ -281,6 +281,6 @@ def _hash(settings: Settings, cells: pd.DataFrame, readings: Sequence[Reading]) 
     digest = hashlib.sha256(json.dumps(settings.model_dump(exclude_defaults=True), sort_keys=True).encode())
     digest.update(cells.to_csv(index=False).encode())
     for samples in (reading.samples for reading in readings):
-        for array in (samples.impact, samples.start, samples.time, samples.value):
+        for array in (samples.impact, samples.start, samples.time_s, samples.value):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

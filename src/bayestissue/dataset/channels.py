@@ -10,19 +10,11 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64
 
-from bayestissue.dataset.checks import check_samples
+from bayestissue.dataset.checks import Recordings, check_samples
 from bayestissue.dataset.impacts import ImpactTable
-from bayestissue.dataset.limits import with_limits
-from bayestissue.dataset.recordings import (
-    MIN_SAMPLES,
-    Reading,
-    Recordings,
-    Windows,
-    crop,
-    interpolated,
-)
+from bayestissue.dataset.reading import read_files, read_long
 from bayestissue.dataset.settings import ChannelSettings, Settings, SignalSettings
-from bayestissue.dataset.traces import read_files, read_long
+from bayestissue.dataset.traces import MIN_SAMPLES, Reading, Windows, crop, with_limits
 from bayestissue.errors import Problem, all_of
 
 
@@ -52,8 +44,8 @@ def read_channels(folder: Path, table: ImpactTable, settings: Settings) -> list[
 
 def on_first_clock(reading: Reading, channel: ChannelSettings) -> Reading:
     """A channel's recordings by the first channel's clock."""
-    time = reading.samples.time + channel.time_offset_s
-    return replace(reading, samples=replace(reading.samples, time=time))
+    time = reading.samples.time_s + channel.time_offset_s
+    return replace(reading, samples=replace(reading.samples, time_s=time))
 
 
 def checked_channel(
@@ -77,10 +69,10 @@ def checked_channel(
     """
     samples, problems = crop(reading.samples, Windows.stated(impacts, signal), impacts["impact"].tolist())
     samples = with_limits(samples, channel.quantity, channel.as_signal(signal).limits_si)
-    recordings = Recordings.with_impacts(samples, impacts, first.quantity, first.uncertainty)
     if channel.file is not None:
         # The rate that impacts.csv states is the first channel's.
-        recordings = replace(recordings, rate=np.full_like(recordings.rate, np.nan))
+        impacts = impacts.drop(columns="sampling_rate_hz", errors="ignore")
+    recordings = Recordings(samples, impacts, first.quantity, first.uncertainty)
     of_samples, sound = check_samples(recordings)
     return replace(
         reading,
@@ -92,27 +84,26 @@ def checked_channel(
 def _unfit(recordings: Recordings, first: Recordings) -> Iterator[Problem]:
     """What the first channel says against recordings whose samples and clocks are sound."""
     recordings = recordings.of_impacts(first.name)
-    if not recordings.name.size:
+    if not len(recordings.samples):
         return
     samples, owner = recordings.samples, recordings.samples.owner
-    reference = first.samples
+    reference = first.samples.slowing(first.quantity)
     mine = pd.Index(first.name).get_indexer(pd.Index(recordings.name))[owner]
-    inside = (samples.time >= reference.time[reference.begin][mine]) & (
-        samples.time <= reference.time[reference.end - 1][mine]
+    inside = (samples.time_s >= reference.time_s[reference.begin][mine]) & (
+        samples.time_s <= reference.time_s[reference.end - 1][mine]
     )
-    recorded = interpolated(samples.time, mine, reference.time, reference.value, reference.owner)
+    recorded = reference.interpolated(samples.time_s, mine)
     count = np.add.reduceat(inside.astype(int), samples.begin)
     apart = count < MIN_SAMPLES
     words = "{} of its samples while the first channel was recorded"
     yield from recordings.where(apart, "channel-unfit.apart", words, count, least=MIN_SAMPLES)
-    sign = -1.0 if first.quantity == "acceleration" else 1.0
 
     def centred(values: Float64[np.ndarray, " sample"]) -> Float64[np.ndarray, " sample"]:
         values = np.where(inside, values, 0.0)
         mean = np.add.reduceat(values, samples.begin) / np.maximum(count, 1)
         return np.where(inside, values - mean[owner], 0.0)
 
-    force, compared = centred(samples.value), sign * centred(recorded)
+    force, compared = centred(samples.value), centred(recorded)
     dead = ~apart & (np.maximum.reduceat(np.abs(force), samples.begin) == 0)
     yield from recordings.where(dead, "constant-signal", "{:g} in every sample", samples.value[samples.begin])
     together = np.add.reduceat(force * compared, samples.begin)

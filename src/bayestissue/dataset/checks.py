@@ -6,23 +6,121 @@ length and greatest value, as `bayestissue.dataset.motion` has them; and recordi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+import pandas as pd
+from jaxtyping import Bool, Float64, Shaped
 
-from bayestissue.dataset.limits import LIMITS
 from bayestissue.dataset.motion import Motion, motion
 from bayestissue.dataset.plausible import PLAUSIBLE
-from bayestissue.dataset.recordings import EVEN_WITHIN, MIN_SAMPLES, RATE_WITHIN, Recordings, Samples, uneven
-from bayestissue.dataset.settings import FILE, STANDARD_GRAVITY
+from bayestissue.dataset.settings import FILE, STANDARD_GRAVITY, LowPassFilter, Quantity, Uncertainty
+from bayestissue.dataset.traces import EVEN_WITHIN, LIMITS, MIN_SAMPLES, RATE_WITHIN, Samples, numbers_in
 from bayestissue.dataset.twins import twins
 from bayestissue.errors import Problem
 from bayestissue.outline import counted
 
 _FALLS = "a speed that falls by {:.4g} m/s"
+
+
+@dataclass(frozen=True, eq=False)
+class Recordings:
+    """The samples of every impact that has any, and what else the checks need to know.
+
+    Attributes:
+        samples: end to end.
+        impacts: the rows of ``impacts.csv``, of which each recording has one.
+        quantity: what was recorded.
+        uncertainty: of the measuring chain.
+        gravity: along the motion, m/s².
+        recorder: a low-pass that is declared, or None.
+    """
+
+    samples: Samples
+    impacts: pd.DataFrame
+    quantity: Quantity
+    uncertainty: Uncertainty
+    gravity: float = 0.0
+    recorder: LowPassFilter | None = None
+
+    @cached_property
+    def name(self) -> Shaped[np.ndarray, " impact"]:
+        """Of each impact."""
+        return self.impacts["impact"].to_numpy()[self.samples.impact]
+
+    @property
+    def velocity(self) -> Float64[np.ndarray, " impact"]:
+        """At contact, m/s; nan where it is not known."""
+        return numbers_in(self.impacts, "velocity_m_s")[self.samples.impact]
+
+    @property
+    def rate(self) -> Float64[np.ndarray, " impact"]:
+        """The sampling rate that ``impacts.csv`` states, Hz; nan where it states none."""
+        return numbers_in(self.impacts, "sampling_rate_hz")[self.samples.impact]
+
+    def without(self, problems: list[Problem]) -> Recordings:
+        """The recordings of impacts that none of the problems concerns."""
+        return self._only(~self.impacts["impact"].isin([problem.impact for problem in problems]))
+
+    def of_impacts(self, names: Iterable[str]) -> Recordings:
+        """The recordings of these impacts."""
+        return self._only(self.impacts["impact"].isin(list(names)))
+
+    def _only(self, keep: pd.Series) -> Recordings:
+        mine = keep.to_numpy()[self.samples.impact]
+        return self if mine.all() else replace(self, samples=self.samples[mine])
+
+    def problem(
+        self,
+        key: str,
+        which: int | np.integer,
+        value: object,
+        *,
+        at: int | np.integer | None = None,
+        column: str | None = None,
+        **numbers: Any,
+    ) -> Problem:
+        """What is wrong with recording ``which``, at the sample ``at`` if it is one sample's fault.
+
+        Args:
+            key: of the message: see `Problem.stated`.
+            which: recording.
+            value: what was found.
+            at: which sample.
+            column: that of the values unless another is named.
+            numbers: in the message.
+        """
+        file, name = self.samples.file[which], str(self.name[which])
+        row = None if at is None else int(self.samples.row[at])
+        column = column or self.samples.value_column
+        return Problem.stated(key, file, row, column, value, impact=name, **numbers)
+
+    def where(
+        self,
+        wrong: Bool[np.ndarray, " impact"],
+        key: str,
+        words: str,
+        values: Shaped[np.ndarray, " impact"],
+        *,
+        column: str | None = None,
+        **numbers: Any,
+    ) -> Iterator[Problem]:
+        """A problem for each recording that is ``wrong``; arguments as of `problem`.
+
+        Args:
+            wrong: which recordings are.
+            key: of the message.
+            words: what is there instead, with braces for the number.
+            values: that number of each recording.
+            column: that of the values unless another is named.
+            numbers: in the message; an array has one of each recording.
+        """
+        for which in np.flatnonzero(wrong):
+            here = {name: n[which] if isinstance(n, np.ndarray) else n for name, n in numbers.items()}
+            yield self.problem(key, which, words.format(values[which]), column=column, **here)
 
 
 @dataclass(frozen=True)
@@ -44,7 +142,7 @@ def check_recordings(recordings: Recordings) -> Findings:
     false alarm.
     """
     problems, recordings = check_samples(recordings)
-    if not recordings.name.size:
+    if not len(recordings.samples):
         return Findings(problems, [])
     with np.errstate(all="ignore"):
         moving = motion(recordings.samples, recordings.quantity, recordings.gravity)
@@ -59,14 +157,14 @@ def check_samples(recordings: Recordings) -> tuple[list[Problem], Recordings]:
         for look in (_sample_problems, _clock_problems):
             problems += look(recordings)
             recordings = recordings.without(problems)
-            if not recordings.name.size:
+            if not len(recordings.samples):
                 break
     return problems, recordings
 
 
 def _sample_problems(recordings: Recordings) -> Iterator[Problem]:
     samples = recordings.samples
-    columns = ((samples.time_column, samples.time), (samples.value_column, samples.value))
+    columns = ((samples.time_column, samples.time_s), (samples.value_column, samples.value))
     for column, values in columns:
         bad = np.flatnonzero(~np.isfinite(values))
         owners, first, count = np.unique(samples.owner[bad], return_index=True, return_counts=True)
@@ -75,15 +173,15 @@ def _sample_problems(recordings: Recordings) -> Iterator[Problem]:
             like_it = counted(times - 1, "more sample of this impact is", "more samples of this impact are")
             more = f" {like_it} like this." if times > 1 else ""
             yield recordings.problem("not-a-number.cell", which, cell, at=at, column=column, more=more)
-    few = samples.count < MIN_SAMPLES
+    few = samples.n_samples < MIN_SAMPLES
     yield from recordings.where(
-        few, "too-few-samples.recording", "{} samples", samples.count, least=MIN_SAMPLES
+        few, "too-few-samples.recording", "{} samples", samples.n_samples, least=MIN_SAMPLES
     )
 
 
 def _clock_problems(recordings: Recordings) -> Iterator[Problem]:
     samples, stated, column = recordings.samples, recordings.rate, recordings.samples.time_column
-    begin, end, time = samples.begin, samples.end, samples.time
+    begin, end, time = samples.begin, samples.end, samples.time_s
     step = np.append(np.diff(time), np.inf)
     # The step from one recording's last sample to the next one's first means nothing.
     step[end - 1] = np.inf
@@ -93,14 +191,14 @@ def _clock_problems(recordings: Recordings) -> Iterator[Problem]:
         later = f"{time[at + 1]:.9g} s"
         yield recordings.problem("times-disorder", which, later, at=at + 1, column=column, time=time[at])
     mean, needs_even = samples.interval, _needs_even(recordings)
-    for which in np.setdiff1d(np.flatnonzero(uneven(time, samples.start)), back) if needs_even else ():
+    for which in np.setdiff1d(np.flatnonzero(samples.uneven), back) if needs_even else ():
         steps = step[begin[which] : end[which] - 1]
         at = int(np.argmax(np.abs(steps - np.median(steps))))
         words = f"a step of {steps[at]:.6g} s where most are {np.median(steps):.6g} s"
         at += begin[which] + 1
         numbers = {"within": EVEN_WITHIN, "reason": needs_even}
         yield recordings.problem("uneven-times.recording", which, words, at=at, column=column, **numbers)
-    rate = (samples.count - 1 + samples.lost) / samples.duration
+    rate = (samples.n_samples - 1 + samples.lost) / samples.duration
     off = (np.abs(rate / stated - 1) > RATE_WITHIN) & np.isfinite(stated)
     limits = {"stated": stated, "within": RATE_WITHIN}
     yield from recordings.where(off, "sampling-rate.impacts", "{:g} Hz", rate, column=column, **limits)
@@ -185,7 +283,7 @@ def _impossible_low_pass(recordings: Recordings, moving: Motion) -> Iterator[Pro
     if recorder is None or not rise.size:
         return
     corner, typical = recorder.low_pass_hz, float(np.median(rise))
-    half_rate = float(((recordings.samples.count - 1) / recordings.samples.duration).min()) / 2
+    half_rate = float(((recordings.samples.n_samples - 1) / recordings.samples.duration).min()) / 2
     if recorder.digital and corner >= half_rate:
         column = "recorder.sae_class" if recorder.sae_class else "recorder.low_pass_hz"
         value = f"{corner:g} Hz"
@@ -207,7 +305,7 @@ def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
         until_peak = slice(samples.begin[which], moving.peak[which] + 1)
         displaced = samples.value[until_peak] - samples.value[until_peak.start]
         shallow = int(np.flatnonzero(displaced <= PLAUSIBLE.fall_within * displaced[-1])[-1])
-        lasts = samples.time[moving.peak[which]] - samples.time[until_peak][shallow]
+        lasts = samples.time_s[moving.peak[which]] - samples.time_s[until_peak][shallow]
         speed[which] = (displaced[-1] - displaced[shallow]) / lasts
     low, high = PLAUSIBLE.mean_speed
     off = ~np.isnan(speed) & ~((low < speed / velocity) & (speed / velocity < high))
@@ -248,7 +346,7 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
 
 def _seconds_at_g(samples: Samples, moving: Motion) -> Float64[np.ndarray, " impact"]:
     """For how long each recording reads about gravity before its greatest deceleration, s."""
-    earlier = np.arange(samples.time.size) < moving.peak[samples.owner]
+    earlier = np.arange(samples.time_s.size) < moving.peak[samples.owner]
     at_g = np.abs(np.abs(samples.value) / STANDARD_GRAVITY - 1) < PLAUSIBLE.about_g
     return np.add.reduceat((earlier & at_g).astype(np.float64), samples.begin) * samples.interval
 
@@ -273,7 +371,7 @@ def stated_problems(recordings: Recordings) -> Iterator[Problem]:
         recordings: with nothing wrong so far.
     """
     sds, velocity = recordings.uncertainty, recordings.velocity[np.isfinite(recordings.velocity)]
-    if not recordings.name.size:
+    if not len(recordings.samples):
         return
     moving, displaced = motion(recordings.samples, recordings.quantity), recordings.quantity == "displacement"
     reach = np.median(moving.farthest)

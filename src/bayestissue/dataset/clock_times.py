@@ -42,6 +42,15 @@ def seconds(cells: pa.Array) -> tuple[Float64[np.ndarray, " row"], float] | None
     return _unwrapped(time, DAY_S if has_hours else _HOUR_S)
 
 
+def within_a_day(later: float) -> float:
+    """By what one time of day is behind another, s: of two days, of which one began between, too.
+
+    Args:
+        later: the one less the other, s; each since the beginning of its day.
+    """
+    return (later + DAY_S / 2) % DAY_S - DAY_S / 2
+
+
 def _numbers(cells: pa.Array) -> np.ndarray:
     plain = pc.replace_substring(cells, ",", ".")
     plain = pc.if_else(pc.equal(plain, ""), None, plain)

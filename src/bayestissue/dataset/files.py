@@ -15,7 +15,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime, time, timedelta
-from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,19 +33,15 @@ class FileSettings:
 
     Attributes:
         largest_mb: a file once it is unpacked, and all recordings of a dataset, MB: see `largest`.
-        chunk: that is unpacked at a time to count its bytes.
         longest_line: more than any line of column names has.
         head: of a text, in which its marks and names are looked for,
         lines: and so many lines with cells.
-        cell: of a workbook while a sheet is read.
     """
 
     largest_mb: float = 1000.0
-    chunk: int = 1 << 20
     longest_line: int = 1 << 16
     head: int = 1 << 18
     lines: int = 200
-    cell: int = 40
 
 
 FILES = FileSettings()
@@ -71,26 +66,21 @@ def largest() -> float:
     return megabytes * 1e6
 
 
-def require_small(size: float, label: str, *, share: float = 1.0, known: bool = True) -> None:
-    """Refuse what would unpack to more than `largest` bytes.
+def require_small(size: float, label: str, *, share: float = 1.0) -> None:
+    """Refuse what would take more than `largest` bytes.
 
     Args:
         size: in bytes.
         label: what to call the file in a message.
         share: of these bytes, for what takes many times its size once it is taken apart.
-        known: whether ``size`` is the whole, or only how far anybody has looked.
 
     Raises:
         InputError: it is larger.
     """
     if size > (limit := share * largest()):
-        raise InputError.stated(
-            "file-too-large.unpacked",
-            label,
-            value=f"{'' if known else 'more than '}{size / 1e6:.4g} MB",
-            limit=limit / 1e6,
-            variable=LIMIT,
-        )
+        value = f"{size / 1e6:.4g} MB"
+        key, words = "file-too-large.unpacked", {"limit": limit / 1e6, "variable": LIMIT}
+        raise InputError.stated(key, label, value=value, **words)
 
 
 def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> bytes:
@@ -127,34 +117,10 @@ def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> by
 
 
 def _unpacked(path: Path, label: str) -> bytes:
-    # Counted before any of it is kept, so that what is too large takes no memory.
-    size = 0
     with gzip.open(path) as packed:
-        while chunk := packed.read(FILES.chunk):
-            if not size:
-                first_line(chunk, label)
-            size += len(chunk)
-            require_small(size, label, known=False)
-    with gzip.open(path) as packed:
-        return packed.read(size)
-
-
-def unpacked_size(packed: bytes, label: str, *, before: int = 0) -> int:
-    """How many bytes a zlib stream unpacks to, counted before any of it is kept: counting takes no memory.
-
-    Args:
-        packed: the stream.
-        label: what to call the file in a message.
-        before: bytes that the same file has unpacked to so far; they are added.
-
-    Raises:
-        InputError: they are too many; see `require_small`.
-    """
-    unpacking, size, remaining = zlib.decompressobj(), before, packed
-    while chunk := unpacking.decompress(remaining, FILES.chunk):
-        size, remaining = size + len(chunk), unpacking.unconsumed_tail
-        require_small(size, label, known=False)
-    return size
+        data = packed.read(int(largest()) + 1)
+    require_small(len(data), label)
+    return data
 
 
 def error_line(error: BaseException) -> str:
@@ -303,7 +269,6 @@ def sheet_text(data: bytes, label: str, sheet: str = "") -> tuple[str, bytes]:
         InputError: it is no whole workbook, too large once unpacked, protected or empty, or lacks the sheet.
     """
     with _opened(data, label) as book:
-        _require_near(data, label)
         shown, hidden = _sheet_names(book)
         if sheet and sheet not in (*shown, *hidden):
             names = ", ".join(shown)
@@ -338,29 +303,6 @@ def _opened(data: bytes, label: str) -> Iterator[CalamineWorkbook]:
 
 
 _TIMES = (datetime, time, timedelta)
-_ROW, _COLUMN = (
-    re.compile(rb"\sr\s*=\s*[\"'][A-Za-z]*(\d+)[\"']"),
-    re.compile(rb"\sr\s*=\s*[\"']([A-Za-z]+)\d"),
-)
-
-
-def _require_near(data: bytes, label: str) -> None:
-    """Refuse a sheet with a cell so far out that the rectangle up to it, which is read, is too large."""
-    with zipfile.ZipFile(io.BytesIO(data)) as packed:
-        for member in packed.infolist():
-            content = packed.read(member) if member.filename.endswith(".xml") else b""
-            if b"sheetData" not in content:
-                continue
-            last = max(map(int, set(_ROW.findall(content))), default=1)
-            far = max({name.upper() for name in _COLUMN.findall(content)}, key=_number_of, default=b"A")
-            if last * _number_of(far) * FILES.cell > largest():
-                extent = f"cells as far as column {far.decode()} and row {last}"
-                raise InputError.stated("file-too-large.cells", label, value=extent)
-
-
-def _number_of(column: bytes) -> int:
-    """Of the letters of a column, from 1 on: those of ``"AA"`` are 27."""
-    return reduce(lambda number, letter: 26 * number + letter - 64, column, 0)
 
 
 def _with_all_digits(rows: list[list[Any]], data: bytes, label: str, name: str) -> list[list[Any]]:

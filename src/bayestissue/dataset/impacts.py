@@ -17,7 +17,7 @@ from jaxtyping import Bool
 from bayestissue.dataset.cells import FILE, read_cells
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.plausible import PLAUSIBLE
-from bayestissue.dataset.recordings import CROP
+from bayestissue.dataset.traces import CROP
 from bayestissue.declarations import declared
 from bayestissue.errors import Problem, has_control_characters
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float64, Int8
+from jaxtyping import Bool
 
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.impacts import counts, of_phantoms
@@ -22,35 +22,12 @@ from bayestissue.dataset.settings import (
     SignalSettings,
     Uncertainty,
 )
+from bayestissue.dataset.traces import Traces
 from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
-    """The recording of one impact.
-
-    Attributes:
-        time_s: the recorder's own time, s; 0 need not be the moment of contact.
-        value: deceleration or acceleration in m/s², or displacement in m, after scale and offset. Of an
-            impact along gravity a deceleration is force over mass, whatever the sensor's zero was: see
-            `Dataset.gravity`.
-        clipped: 1 where a value stands at the sensor's upper limit, -1 at its lower one, else 0; None where
-            none does.
-    """
-
-    time_s: Float64[np.ndarray, " sample"]
-    value: Float64[np.ndarray, " sample"]
-    clipped: Int8[np.ndarray, " sample"] | None = None
-
-    def __repr__(self) -> str:
-        return f"Trace of {counted(len(self.time_s), 'sample')}, {span(self.time_s, 's')}"
-
-
-def _of(traces: list[Trace], rows: slice | list[int]) -> list[Trace]:
-    return traces[rows] if isinstance(rows, slice) else [traces[row] for row in rows]
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Dataset(Outlined):
     """A checked dataset.
@@ -63,7 +40,7 @@ class Dataset(Outlined):
         settings: what ``dataset.toml`` says, of recordings in SI units.
         impacts: one row per impact: ``impact``, ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s``
             (missing where a displacement was recorded without one) and the covariates.
-        traces: the recordings, in the order of ``impacts``.
+        traces: the recordings, in the order of ``impacts``; any sequence of `Trace` will do.
         further: those of each further channel of the same impacts, on the first channel's clock; a force in
             N, positive while the impactor slows.
         warnings: what looks odd but stops nothing.
@@ -77,8 +54,8 @@ class Dataset(Outlined):
 
     settings: Settings
     impacts: pd.DataFrame
-    traces: list[Trace]
-    further: tuple[list[Trace], ...] = ()
+    traces: Traces
+    further: tuple[Traces, ...] = ()
     warnings: tuple[Problem, ...] = ()
     left_out: tuple[Problem, ...] = ()
     folder: Path | None = None
@@ -163,13 +140,17 @@ class Dataset(Outlined):
         signal = self.settings.signal.model_copy(update=of_signal)
         return replace(self, settings=self.settings.model_copy(update={**stated, "signal": signal}))
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "traces", Traces.of(self.traces))
+        object.__setattr__(self, "further", tuple(map(Traces.of, self.further)))
+
     def part(self, rows: slice | list[int]) -> Dataset:
         """The dataset of some of its impacts, by their position."""
         return replace(
             self,
             impacts=self.impacts.iloc[rows],
-            traces=_of(self.traces, rows),
-            further=tuple(_of(traces, rows) for traces in self.further),
+            traces=self.traces[rows],
+            further=tuple(traces[rows] for traces in self.further),
         )
 
     @property
@@ -231,8 +212,6 @@ class Dataset(Outlined):
         return folder
 
     def _outline(self) -> tuple[str, Rows]:
-        count = [len(trace.time_s) for trace in self.traces]
-        steps = [(trace.time_s[-1] - trace.time_s[0]) / (len(trace.time_s) - 1) for trace in self.traces]
         left_out = len({problem.impact for problem in self.left_out})
         said = [counted(len(self.warnings), "warning")] if self.warnings else []
         said += [f"{counted(left_out, 'impact')} left out"] if left_out else []
@@ -240,7 +219,8 @@ class Dataset(Outlined):
             ("impacts", counts(self.impacts)),
             (
                 "recorded",
-                f"{self.quantity}, {span(count, 'samples each')}, {span(1 / np.array(steps), 'Hz')}",
+                f"{self.quantity}, {span(self.traces.n_samples, 'samples each')}, "
+                f"{span(1 / self.traces.interval, 'Hz')}",
             ),
             *(("further channel", str(channel)) for channel in self.channels),
             *([("low-pass", str(self.recorder))] if self.recorder else []),
@@ -253,19 +233,14 @@ class Dataset(Outlined):
         return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]
 
 
-def _limit(traces: Sequence[Trace]) -> dict[str, float]:
+def _limit(traces: Traces) -> dict[str, float]:
     """The key ``limit`` of recordings that reach one."""
-    limits = [np.abs(trace.value[trace.clipped != 0]).min() for trace in traces if trace.clipped is not None]
-    return {"limit": float(min(limits))} if limits else {}
+    if traces.clipped is None or not traces.clipped.any():
+        return {}
+    return {"limit": float(np.abs(traces.value[traces.clipped != 0]).min())}
 
 
-def long_table(impacts: pd.Index, traces: Sequence[Trace]) -> pd.DataFrame:
+def long_table(impacts: pd.Index, traces: Traces) -> pd.DataFrame:
     """All samples in one table: ``impact``, ``time_s`` and ``value``."""
-    count = [len(trace.time_s) for trace in traces]
-    return pd.DataFrame(
-        {
-            "impact": pd.Categorical.from_codes(np.repeat(np.arange(len(count)), count), impacts),
-            "time_s": np.concatenate([trace.time_s for trace in traces]),
-            "value": np.concatenate([trace.value for trace in traces]),
-        }
-    )
+    codes = pd.Categorical.from_codes(traces.owner, impacts)
+    return pd.DataFrame({"impact": codes, "time_s": traces.time_s, "value": traces.value})

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from bayestissue.dataset.plausible import PLAUSIBLE
-from bayestissue.dataset.recordings import Samples
 from bayestissue.dataset.settings import Quantity
+from bayestissue.dataset.traces import Samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,26 +57,26 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
         quantity: what was recorded.
         gravity: along the motion, m/s²: force over mass slows by so much less.
     """
-    begin, end, owner = samples.start[:-1], samples.start[1:], samples.owner
-    slowing = -samples.value if quantity == "acceleration" else samples.value
+    begin, end, owner = samples.begin, samples.end, samples.owner
+    slowing = samples.slowing(quantity).value
     greatest = np.maximum.reduceat(slowing, begin)
     displaced = samples.value - samples.value[begin][owner]
     begins = _first_at(
         np.abs(displaced) >= PLAUSIBLE.begins * np.maximum.reduceat(np.abs(displaced), begin)[owner], begin
     )
     side = np.where(displaced[begins] < 0, -1.0, 1.0)
-    interval = (samples.time[end - 1] - samples.time[begin]) / (samples.count - 1)
+    interval = samples.interval
     peak = _first_at(slowing == greatest[owner], begin)
     loss = gain = pulse_loss = rise = np.zeros(begin.size)
-    pulse = samples.count
+    pulse = samples.n_samples
     if quantity != "displacement":
         above, position = slowing > PLAUSIBLE.pulse * greatest[owner], np.arange(owner.size)
         pulse = np.add.reduceat(above.astype(int), begin)
         below = np.where(~above & (position < peak[owner]), position, begin[owner])
-        rise = samples.time[peak] - samples.time[np.maximum.reduceat(below, begin)]
+        rise = samples.time_s[peak] - samples.time_s[np.maximum.reduceat(below, begin)]
         # An offset can't add up to much over a recording that is hardly longer than the impact.
-        baseline = np.where(2 * pulse < samples.count, _rest(samples, slowing), 0)
-        step = np.append(np.diff(samples.time), 0)
+        baseline = np.where(2 * pulse < samples.n_samples, _rest(samples, slowing), 0)
+        step = np.append(np.diff(samples.time_s), 0)
         # The step from one recording to the next means nothing.
         step[end - 1] = 0
         loss = _climb(samples, slowing - gravity, step)
@@ -98,7 +98,7 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
 
 
 def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
-    begin, owner = samples.start[:-1], samples.owner
+    begin, owner = samples.begin, samples.owner
     # In units of what each recording could reach at most, so that an absurd one can't drown the others.
     unit = np.maximum.reduceat(np.abs(rate), begin) * np.add.reduceat(step, begin)
     unit = np.where(unit > 0, unit, 1)
@@ -111,8 +111,8 @@ def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 def _rest(samples: Samples, values: np.ndarray) -> np.ndarray:
     # Of a recording's two ends, the level of the one nearer to zero: an offset, or less than one.
-    begin, end = samples.start[:-1], samples.start[1:]
-    few = np.minimum(np.maximum(samples.count // 50, 3), samples.count)
+    begin, end = samples.begin, samples.end
+    few = np.minimum(np.maximum(samples.n_samples // 50, 3), samples.n_samples)
     total = np.concatenate([[0], np.cumsum(values)])
     first = (total[begin + few] - total[begin]) / few
     last = (total[end] - total[end - few]) / few

@@ -12,18 +12,17 @@ import pandas as pd
 from jaxtyping import Float64
 
 from bayestissue.dataset.channels import checked_channel, read_channels
-from bayestissue.dataset.checks import check_recordings, stated_problems
+from bayestissue.dataset.checks import Recordings, check_recordings, stated_problems
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import LeftOut, read_left_out
-from bayestissue.dataset.limits import with_limits
-from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.plausible import PLAUSIBLE
-from bayestissue.dataset.recordings import Reading, Recordings, Samples, Windows, crop
+from bayestissue.dataset.reading import find_long, read_files, read_long
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import STANDARD_GRAVITY, Settings, SignalSettings, read_settings
-from bayestissue.dataset.traces import find_long, read_files, read_long
+from bayestissue.dataset.traces import Reading, Windows, crop, with_limits
 from bayestissue.errors import InputError, Problem, along_with, collected
 from bayestissue.runtime import content_hash
 
@@ -144,13 +143,11 @@ def checked_dataset(
     chosen = list(by_hand.by_impact.values())
     _refuse_none_left(chosen, table)
     signal, impacts = settings.signal, table.table
-    # LowPassFilter files are cropped as they are read, for memory's sake: nothing more comes off here.
+    # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
     samples, outside = crop(reading.samples, Windows.stated(impacts, signal), impacts["impact"].tolist())
     samples = with_limits(samples, signal.quantity, signal.limits_si)
     chain: Any = {"gravity": signal.gravity_m_s2, "recorder": settings.recorder}
-    recordings = Recordings.with_impacts(
-        samples, impacts, signal.quantity, settings.uncertainty, **chain
-    ).without(chosen)
+    recordings = Recordings(samples, impacts, signal.quantity, settings.uncertainty, **chain).without(chosen)
     findings = check_recordings(recordings)
     problems = [p for p in (*reading.problems, *outside) if p.impact not in by_hand.by_impact]
     problems += findings.problems
@@ -171,8 +168,8 @@ def checked_dataset(
     return Dataset(
         settings.in_si(),
         impacts[keep].reset_index(drop=True),
-        traces_of(samples, keep),
-        tuple(traces_of(one.samples, keep) for one in channels),
+        samples.kept(keep),
+        tuple(one.samples.kept(keep) for one in channels),
         warnings=tuple(warning for warning in warnings if warning.impact not in bad),
         left_out=tuple(problems),
         folder=folder,
@@ -247,14 +244,3 @@ def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
 def _refuse_none_left(problems: list[Problem], table: ImpactTable) -> None:
     if problems and set(table.table["impact"]) <= {problem.impact for problem in problems}:
         raise InputError([*problems, Problem.stated("none-left", IMPACTS, value="none left")])
-
-
-def traces_of(samples: Samples, keep: np.ndarray) -> list[Trace]:
-    """The recordings of the impacts that are kept."""
-    bounds = zip(samples.impact, samples.begin, samples.end, samples.limited, strict=True)
-    parts = [(slice(begin, end), limited) for impact, begin, end, limited in bounds if keep[impact]]
-    clipped = np.zeros(samples.time.size, np.int8) if samples.clipped is None else samples.clipped
-    return [
-        Trace(samples.time[part], samples.value[part], clipped[part] if limited else None)
-        for part, limited in parts
-    ]

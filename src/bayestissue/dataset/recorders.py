@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int
 
+from bayestissue.dataset.clock_times import within_a_day
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import error_line, of_part, read_bytes
 from bayestissue.dataset.formats import (
@@ -24,43 +25,28 @@ from bayestissue.dataset.formats import (
     labview,
     unit_in_name,
 )
-from bayestissue.dataset.own_clock import clocks_among, own_clock, with_own_clock
-from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, Numbers, read_table
+from bayestissue.dataset.traces import MIN_SAMPLES, in_seconds
+from bayestissue.dataset.units import dimension_of, to_si
 from bayestissue.errors import InputError, Problem, refuse
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
 _TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
 SUFFIXES = (*TABLE_SUFFIXES, *FORMATS)
+# Names of columns that say time.
+_NAMED = re.compile(
+    r"(?:^|[\W_])(?:time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)(?:[\W_\d]|$)", re.IGNORECASE
+)
+# Of a sampling interval: times that differ by less are alike.
+_ALIKE = 0.25
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-
-
-@dataclass(frozen=True)
-class Recording:
-    """What a file holds of one impact, in the recorder's units.
-
-    Attributes:
-        value: the raw samples.
-        time: the time channel in the dataset's time unit, if the file has one.
-        clock: the recorder's own time in s, if the format carries one and there is no time channel.
-        first_row: the row, or in a binary file the number, of the first sample.
-        rows: of each sample, where they do not follow one another.
-        text: what stood in cells that held no number, by the index of the sample.
-    """
-
-    value: Float64[np.ndarray, " sample"]
-    time: Float64[np.ndarray, " sample"] | None = None
-    clock: Float64[np.ndarray, " sample"] | None = None
-    first_row: int = 1
-    rows: Int[np.ndarray, " sample"] | None = None
-    text: dict[int, str] = field(default_factory=dict)
 
 
 def read_recording(
     path: Path, label: str, signal: SignalSettings, first: SignalSettings | None = None
-) -> Recording:
-    """Read the recording of one impact.
+) -> Channel:
+    """Read the recording of one impact: raw values, times in s if the file has any, and rows.
 
     The channel ``signal.value_column`` holds the values; where that was left at its default, the only
     channel of a file will do. Time is the channel ``signal.time_column``, else the recorder's own clock.
@@ -188,23 +174,21 @@ def _contents(path: Path, label: str) -> Contents:
     return blocks[int(part) - 1]
 
 
-def _from_table(path: Path, label: str, signal: SignalSettings, first: SignalSettings | None) -> Recording:
+def _from_table(path: Path, label: str, signal: SignalSettings, first: SignalSettings | None) -> Channel:
     columns = {"numbers": [signal.time_column, signal.value_column]}
     if "time_column" not in signal.model_fields_set:
         columns = {"numbers": [signal.value_column], "optional": [signal.time_column]}
     read = partial(read_table, path, label, remedy=REMEDY, stated=signal)
     table, signal = with_own_clock(partial(read, **columns), signal, first, label)
     value, time = table.numbers[signal.value_column], table.numbers.get(signal.time_column)
-    return Recording(
-        value.array,
-        None if time is None or time.seconds else time.array,
-        time.array if time is not None and time.seconds else _clock(table, value.array.size),
-        first_row=table.first_row,
-        text={**(time.text if time else {}), **value.text},
-    )
+    count, text = value.array.size, {**(time.text if time else {}), **value.text}
+    clock = _clock(table, count)
+    if time is not None:
+        clock = time.array if time.seconds else in_seconds(time.array, signal)
+    return Channel(value.array, clock, rows=table.first_row + np.arange(count), text=text)
 
 
-def _pick(contents: Contents, label: str, signal: SignalSettings, first: SignalSettings | None) -> Recording:
+def _pick(contents: Contents, label: str, signal: SignalSettings, first: SignalSettings | None) -> Channel:
     problems, channels = [], contents.channels
     name = signal.value_column
     if name not in channels and "value_column" not in signal.model_fields_set:
@@ -230,10 +214,112 @@ def _pick(contents: Contents, label: str, signal: SignalSettings, first: SignalS
     if time is not None and time.values.size != count:
         where = label, None, signal.time_column, time.values.size
         raise InputError.stated("clock-and-channel.count", *where, channel=name, count=count)
-    return Recording(
-        value.values,
-        None if time is None else time.values,
-        value.clock if time is None else None,
-        first_row=contents.first_row,
-        rows=value.rows,
+    clock = value.clock if time is None else in_seconds(time.values, signal)
+    rows = contents.first_row + np.arange(count) if value.rows is None else value.rows
+    return Channel(value.values, clock, rows=rows)
+
+
+def clocks_among(names: Sequence[str]) -> list[str]:
+    """The names that say time, and state no unit of anything else."""
+    units = {name: unit_in_name(name) for name in names if _NAMED.search(name)}
+    return [name for name, unit in units.items() if dimension_of(unit) in (None, "time")]
+
+
+def own_clock(
+    names: Sequence[str],
+    columns: Mapping[str, Numbers],
+    signal: SignalSettings,
+    first: SignalSettings,
+    label: str,
+) -> tuple[str, Numbers | None]:
+    """The name and the times of a channel, in the unit and since the beginning of the first one's.
+
+    Where the values of each channel stand behind times of their own, these are the nearest before them. Where
+    the places do not tell, the first channel's times, if no others contradict them.
+
+    Args:
+        names: of all columns, in the order of the file.
+        columns: those of `clocks_among`, and both channels' times.
+        signal: the settings of the channel.
+        first: those of the first one; of itself where there is one channel.
+        label: what to call the file in a message.
+
+    Raises:
+        InputError: times that differ could all be the channel's.
+    """
+    shared = columns.get(first.time_column)
+    if signal.time_column != first.time_column or shared is None:
+        times = columns.get(signal.time_column)
+        return signal.time_column, times if times is None else _as_beside(
+            times, signal.time_column, shared, first
+        )
+    named = [name for name in names if name in {*clocks_among(names), first.time_column}]
+    clocks = [name for name in named if name in columns and _rises(columns[name], shared)]
+
+    def before(value: str) -> str | None:
+        above = names[: names.index(value)] if value in names else ()
+        return next((name for name in reversed(above) if name in clocks), None)
+
+    own, of_first = before(signal.value_column), before(first.value_column)
+    if own is not None and own != of_first == first.time_column:
+        return own, _as_beside(columns[own], own, shared, first)
+    # Times that no column of values stands behind.
+    alone = {name for name, behind in pairwise([*names, first.time_column]) if behind in clocks}
+    for name in clocks:
+        times = _as_beside(columns[name], name, shared, first)
+        if name in alone | {own, of_first} and _contradict(shared.array, times.array):
+            listed = ", ".join(clocks)
+            raise InputError.stated(
+                "clock-and-channel.which", label, value=listed, channel=signal.value_column
+            )
+    return first.time_column, shared
+
+
+def with_own_clock(
+    read: Callable[..., Columns], signal: SignalSettings, first: SignalSettings | None, label: str
+) -> tuple[Columns, SignalSettings]:
+    """A table, a further channel's times by `own_clock`; and the settings with their name.
+
+    Args:
+        read: reads the channel's columns, and ``optional`` further ones.
+        signal: the settings of the channel.
+        first: those of the first channel; None where this is the first, or has a table of its own.
+        label: what to call the file in a message.
+    """
+    table = read()
+    others = {*clocks_among(table.names), signal.time_column} - {first.time_column if first else ""}
+    if first is None or not others or first.time_column not in table.names:
+        return table, signal
+    table = read(optional=list({*clocks_among(table.names), first.time_column, signal.time_column}))
+    name, times = own_clock(table.names, table.numbers, signal, first, label)
+    if times is None:
+        return table, signal
+    return replace(table, numbers=table.numbers | {name: times}), signal.model_copy(
+        update={"time_column": name}
     )
+
+
+def _rises(times: Numbers, like: Numbers) -> bool:
+    known = times.array[np.isfinite(times.array)]
+    return times.seconds == like.seconds and known.size > 1 and bool(known[-1] > known[0])
+
+
+def _as_beside(times: Numbers, name: str, shared: Numbers | None, first: SignalSettings) -> Numbers:
+    """Times in the unit of others; times of day since the beginning of these."""
+    if shared is None:
+        return times
+    if times.seconds and shared.seconds:
+        late = within_a_day(times.start - shared.start)
+        return replace(times, array=times.array + late)
+    units = (times.unit or unit_in_name(name), shared.unit or unit_in_name(first.time_column))
+    if units[0] == units[1] or {dimension_of(unit, ["time"]) for unit in units} != {"time"}:
+        return times
+    return replace(times, array=times.array * (to_si(units[0], "time") / to_si(units[1], "time")))
+
+
+def _contradict(times: np.ndarray, others: np.ndarray) -> bool:
+    """Whether two clocks ran at the same time, and show other times for the same rows."""
+    times, others = (each[np.isfinite(each)] for each in (times, others))
+    together = max(times.min(), others.min()) < min(times.max(), others.max())
+    step = np.ptp(times) / (times.size - 1)
+    return bool(together and (times.size != others.size or np.abs(times - others).max() > _ALIKE * step))

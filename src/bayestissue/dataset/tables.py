@@ -265,9 +265,10 @@ def _parse_parquet(
         # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
         once = [name for name in labels if _is_text(schema.field(name).type)]
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True, read_dictionary=once)
-        require_small(_read_size(file, wanted), label)
+        require_small(8.0 * file.metadata.num_rows * len(wanted), label)
         table = file.read(columns=wanted)
         table.validate(full=True)
+        _require_whole(file.metadata, wanted)
     except InputError:
         raise
     except Exception as error:
@@ -312,27 +313,13 @@ def _no_names(label: str, schema: pa.Schema, labels: Sequence[str]) -> list[Prob
     ]
 
 
-def _read_size(file: pq.ParquetFile, wanted: list[str]) -> int:
-    """Bytes that the columns take: of each the pages unpacked, and at least 8 for every row.
-
-    Raises:
-        ValueError: the counts of rows contradict each other.
-        Exception: a row group is damaged: whatever its decoder raises.
-    """
-    schema, pages, rows = file.metadata.schema, 0, 0
-    leaves = [number for number in range(len(schema)) if schema.column(number).path in wanted]
-    for number in range(file.metadata.num_row_groups):
-        # Of a damaged row group reading raises an error; asking for its metadata would end the process.
-        next(file.iter_batches(1, row_groups=[number], columns=wanted), None)
-        group = file.metadata.row_group(number)
-        columns = [group.column(leaf) for leaf in leaves]
-        pages += sum(column.total_uncompressed_size for column in columns)
-        rows += group.num_rows
-        if any(column.num_values != group.num_rows for column in columns):
-            raise ValueError(f"a row group of {group.num_rows} rows whose columns have other numbers of them")
-    if rows != file.metadata.num_rows:
-        raise ValueError(f"{file.metadata.num_rows} rows, of which row groups have {rows}")
-    return max(pages, 8 * rows * len(wanted))
+def _require_whole(metadata: pq.FileMetaData, wanted: list[str]) -> None:
+    """Refuse counts of rows that contradict each other; asked before a row is read, they end the process."""
+    leaves = [at for at in range(len(metadata.schema)) if metadata.schema.column(at).path in wanted]
+    groups = [metadata.row_group(number) for number in range(metadata.num_row_groups)]
+    values = [group.column(at).num_values - group.num_rows for group in groups for at in leaves]
+    if any(values) or sum(group.num_rows for group in groups) != metadata.num_rows:
+        raise ValueError("row groups whose columns have other numbers of rows")
 
 
 def _numeric(kind: pa.DataType) -> bool:

@@ -1,236 +1,505 @@
-"""The recordings of a dataset: one long table of all samples, or a recorder file for each impact."""
+"""Recordings of impacts end to end, as they are read, cropped, checked and held by a dataset."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
-from functools import partial
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Self, overload
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Int
+from jaxtyping import Bool, Float64, Int, Int8
 
-from bayestissue.dataset.files import of_part, require_small
-from bayestissue.dataset.own_clock import with_own_clock
-from bayestissue.dataset.recorders import Recording, read_recording
-from bayestissue.dataset.recordings import Reading, Samples, Windows, crop, in_seconds, in_si
-from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import Columns, Labels, read_table
-from bayestissue.errors import InputError, Problem
+from bayestissue.dataset.settings import ChannelQuantity, Quantity, SignalSettings
+from bayestissue.dataset.tables import BEYOND_LIMIT
+from bayestissue.dataset.units import to_si
+from bayestissue.errors import Problem
+from bayestissue.outline import counted, span
 
-LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.xlsx", "traces.parquet")
+# The columns of `impacts.csv` that state a stretch, and the fewest samples that are a recording.
+CROP = ("crop_start_s", "crop_stop_s")
+MIN_SAMPLES = 8
+# Of a step: times that stray by no more from even ones are taken as even, as a clock of few digits has them.
+EVEN_WITHIN = 0.1
+# Of a stated sampling rate, by which that of the times may differ.
+RATE_WITHIN = 0.01
+# A clock that has rounded its times has one of so many decimals of a second.
+_DECIMALS = range(2, 6)
 
 
-def find_long(folder: Path) -> list[Path]:
-    """The trace tables in a dataset's folder; there should be one."""
-    return [folder / name for name in LONG_TABLES if (folder / name).exists()]
+def _rounded(time: Float64[np.ndarray, " sample"], step: float) -> bool:
+    """Whether these are even times to the decimals that they have, half of the last off at the most.
+
+    With a last decimal as large as the step itself a lost sample would look the same.
+    """
+    index = np.arange(time.size)
+    left = time - np.polynomial.Polynomial.fit(index, time, 1)(index)
+    for decimals in _DECIMALS:
+        last = 10.0**-decimals
+        ticks = time / last
+        if (np.abs(ticks - np.rint(ticks)) < 1e-6 * np.maximum(np.abs(ticks), 1.0)).all():
+            return bool(np.ptp(left) < 1.1 * last < 0.45 * step)
+    return False
 
 
-def read_long(
-    folder: Path,
-    impacts: list[str],
-    signal: SignalSettings,
-    file: str | None = None,
-    first: SignalSettings | None = None,
-) -> Reading:
-    """Read the one long table of all samples.
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The recording of one impact.
+
+    Attributes:
+        time_s: the recorder's own time, s; 0 need not be the moment of contact.
+        value: deceleration or acceleration in m/s², or displacement in m, after scale and offset. Of an
+            impact along gravity a deceleration is force over mass, whatever the sensor's zero was: see
+            `bayestissue.dataset.Dataset`.
+        clipped: 1 where a value stands at the sensor's upper limit, -1 at its lower one, else 0; None where
+            none does.
+    """
+
+    time_s: Float64[np.ndarray, " sample"]
+    value: Float64[np.ndarray, " sample"]
+    clipped: Int8[np.ndarray, " sample"] | None = None
+
+    def __repr__(self) -> str:
+        return f"Trace of {counted(len(self.time_s), 'sample')}, {span(self.time_s, 's')}"
+
+
+@dataclass(frozen=True, eq=False)
+class Traces(Sequence[Trace]):
+    """The recordings of several impacts, end to end, in SI units: a sequence of `Trace`.
+
+    Attributes:
+        time_s: of every sample, s.
+        value: m/s², m or N, after scale and offset.
+        start: where each recording begins, and last where they all end.
+        clipped: 1 where a sample stands at the sensor's upper limit, -1 at its lower one, else 0; None where
+            none does.
+    """
+
+    time_s: Float64[np.ndarray, " sample"]
+    value: Float64[np.ndarray, " sample"]
+    start: Int[np.ndarray, " impact+1"]
+    clipped: Int8[np.ndarray, " sample"] | None = field(default=None, kw_only=True)
+
+    @classmethod
+    def of(cls, traces: Iterable[Trace]) -> Traces:
+        """These recordings end to end; themselves where they are so already."""
+        if isinstance(traces, Traces):
+            return traces
+        parts = list(traces)
+        time, value = (
+            np.concatenate([np.empty(0), *(getattr(part, name) for part in parts)])
+            for name in ("time_s", "value")
+        )
+        clipped = None
+        if any(part.clipped is not None for part in parts):
+            limits = [np.zeros(len(p.value), np.int8) if p.clipped is None else p.clipped for p in parts]
+            clipped = np.concatenate(limits)
+        return cls(time, value, np.cumsum([0, *(len(part.value) for part in parts)]), clipped=clipped)
+
+    def __len__(self) -> int:
+        return self.start.size - 1
+
+    @overload
+    def __getitem__(self, which: int) -> Trace: ...
+    @overload
+    def __getitem__(self, which: slice | Sequence[int] | np.ndarray) -> Self: ...
+    def __getitem__(self, which: int | slice | Sequence[int] | np.ndarray) -> Trace | Self:
+        """One recording, or those of a slice, of positions in any order, or of a truth value each."""
+        if isinstance(which, int | np.integer):
+            row = range(len(self))[which]
+            here = slice(self.start[row], self.start[row + 1])
+            clipped = None if self.clipped is None or not self.clipped[here].any() else self.clipped[here]
+            return Trace(self.time_s[here], self.value[here], clipped)
+        rows = np.arange(len(self))[which]
+        parts = [np.arange(self.start[row], self.start[row + 1]) for row in rows]
+        return self._taken(np.concatenate([np.empty(0, int), *parts]), rows, self.n_samples[rows])
+
+    def at(self, keep: Bool[np.ndarray, " sample"]) -> Self:
+        """The samples for which ``keep`` holds, of the recordings that have any of them."""
+        if keep.all():
+            return self
+        count = np.bincount(self.owner[keep], minlength=len(self))
+        rows = np.flatnonzero(count)
+        return self._taken(np.flatnonzero(keep), rows, count[rows])
+
+    def _taken(self, samples: np.ndarray, rows: np.ndarray, count: np.ndarray) -> Self:
+        """These samples of these recordings, so many of each, in order."""
+        return replace(
+            self,
+            time_s=self.time_s[samples],
+            value=self.value[samples],
+            clipped=None if self.clipped is None else self.clipped[samples],
+            start=np.cumsum([0, *count]),
+        )
+
+    def slowing(self, quantity: Quantity | ChannelQuantity) -> Self:
+        """The recordings of this quantity, positive while the impactor slows or goes into the tissue."""
+        if quantity != "acceleration":
+            return self
+        return replace(self, value=-self.value, clipped=None if self.clipped is None else -self.clipped)
+
+    @property
+    def n_samples(self) -> Int[np.ndarray, " impact"]:
+        """How many samples each recording has."""
+        return np.diff(self.start)
+
+    @property
+    def begin(self) -> Int[np.ndarray, " impact"]:
+        """The first sample of each recording."""
+        return self.start[:-1]
+
+    @property
+    def end(self) -> Int[np.ndarray, " impact"]:
+        """The one after the last sample of each recording."""
+        return self.start[1:]
+
+    @property
+    def owner(self) -> Int[np.ndarray, " sample"]:
+        """For every sample which of the recordings it belongs to."""
+        return np.repeat(np.arange(len(self)), self.n_samples)
+
+    @property
+    def duration(self) -> Float64[np.ndarray, " impact"]:
+        """From the first to the last sample of each recording, s."""
+        return self.time_s[self.end - 1] - self.time_s[self.begin]
+
+    @property
+    def interval(self) -> Float64[np.ndarray, " impact"]:
+        """The mean sampling interval of each recording, s."""
+        return self.duration / np.maximum(self.n_samples - 1, 1)
+
+    @property
+    def limited(self) -> Bool[np.ndarray, " impact"]:
+        """Which recordings have a sample at the sensor's limit."""
+        if self.clipped is None:
+            return np.zeros(len(self), bool)
+        return np.logical_or.reduceat(self.clipped != 0, self.begin)
+
+    @property
+    def uneven(self) -> Bool[np.ndarray, " impact"]:
+        """Which recordings have a sample farther than `EVEN_WITHIN` of a step from even times.
+
+        Even times that a clock of few decimals has rounded are even.
+        """
+        step, count = self.interval, self.n_samples
+        even = np.repeat(self.time_s[self.begin], count) + np.repeat(step, count) * (
+            np.arange(self.time_s.size) - np.repeat(self.begin, count)
+        )
+        stray = np.maximum.reduceat(np.abs(self.time_s - even), self.begin)
+        uneven = ~(stray <= EVEN_WITHIN * step)
+        for which in np.flatnonzero(uneven):
+            uneven[which] = not _rounded(self[int(which)].time_s, step[which])
+        return uneven
+
+    @property
+    def lost(self) -> Float64[np.ndarray, " impact"]:
+        """How many samples are missing in longer steps of the recordings whose times are `uneven`, else 0."""
+        # Not whole numbers: steps of damaged times are greater than those can be.
+        missing = np.zeros(len(self))
+        for which in np.flatnonzero(self.uneven):
+            steps = np.diff(self[int(which)].time_s)
+            with np.errstate(all="ignore"):
+                missing[which] = (np.rint(steps / np.median(steps)) - 1).clip(0).sum()
+        return missing
+
+    def interpolated(
+        self, time: Float64[np.ndarray, "*time"], owner: Int[np.ndarray, "*time"]
+    ) -> Float64[np.ndarray, "*time"]:
+        """Values at these times, between samples in proportion, of all recordings at once.
+
+        Beyond the ends of a recording they are its last value or, far beyond, another one's.
+
+        Args:
+            time: s.
+            owner: which recording each is to be taken of.
+        """
+        # End to end on one axis of time.
+        least = min(time.min(), self.time_s.min())
+        width = 2 * (max(time.max(), self.time_s.max()) - least) + 1.0
+        return np.interp(time - least + width * owner, self.time_s - least + width * self.owner, self.value)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(Traces):
+    """The recordings of all impacts that have one, as they were read; a value is nan where no number stood.
+
+    Attributes:
+        impact: of each recording its position in ``impacts.csv``.
+        file: of each the file it came from.
+        row: of every sample its row there.
+        time_column, value_column: what the columns are called there.
+        text: what stood in cells that held no number, by the index of the sample.
+    """
+
+    impact: Int[np.ndarray, " impact"]
+    file: list[str]
+    row: Int[np.ndarray, " sample"]
+    time_column: str = "time_s"
+    value_column: str = "value"
+    text: dict[int, str] = field(default_factory=dict)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Samples], signal: SignalSettings) -> Samples:
+        """Those of several impacts, each by itself, end to end."""
+        start = np.cumsum([0, *(part.time_s.size for part in parts)])
+        time, value = (
+            np.concatenate([np.empty(0), *(getattr(part, name) for part in parts)])
+            for name in ("time_s", "value")
+        )
+        impact, row = (
+            np.concatenate([np.empty(0, int), *(getattr(part, name) for part in parts)])
+            for name in ("impact", "row")
+        )
+        texts = (
+            (int(at) + i, words)
+            for at, part in zip(start, parts, strict=False)
+            for i, words in part.text.items()
+        )
+        files, columns = [part.file[0] for part in parts], (signal.time_column, signal.value_column)
+        return cls(time, value, start, impact, files, row, *columns, dict(texts))
+
+    def _taken(self, samples: np.ndarray, rows: np.ndarray, count: np.ndarray) -> Self:
+        sites = np.flatnonzero(np.isin(samples, list(self.text))) if self.text else ()
+        return replace(
+            super()._taken(samples, rows, count),
+            impact=self.impact[rows],
+            file=[self.file[row] for row in rows],
+            row=self.row[samples],
+            text={int(site): self.text[int(samples[site])] for site in sites},
+        )
+
+    @property
+    def to_their_ends(self) -> Samples:
+        """Without rows behind the end of a recording, in which others of the table go on: they are empty."""
+        filled = np.isfinite(self.time_s) | np.isfinite(self.value)
+        filled[[at for at, words in self.text.items() if words.strip()]] = True
+        if filled.all():
+            return self
+        at = np.arange(filled.size)
+        last = np.maximum.reduceat(np.where(filled, at, -1), self.begin)[self.owner]
+        return self.at((at <= last) | (last < 0))
+
+    def kept(self, keep: Bool[np.ndarray, " impact"]) -> Traces:
+        """Those of the impacts that are kept, one truth value for each of ``impacts.csv``."""
+        part = self[keep[self.impact]] if not keep.all() else self
+        return Traces(part.time_s, part.value, part.start, clipped=part.clipped)
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What came of reading the recordings.
+
+    Attributes:
+        samples: of the impacts that have any.
+        problems: what is wrong with single impacts.
+        files: what was read.
+    """
+
+    samples: Samples
+    problems: list[Problem]
+    files: list[Path]
+
+
+def in_si(raw: np.ndarray, signal: SignalSettings) -> np.ndarray:
+    """Raw values in m/s² or m: scale and offset first, then the unit, then the sensor's zero.
+
+    What a sensor reads whose zero is at rest becomes force over mass: see `bayestissue.dataset.Dataset`.
+    """
+    # What overflows is found with everything else that is not finite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        value = (raw * signal.scale + signal.offset) * to_si(signal.unit, signal.dimension)
+        return value + signal.below_force if signal.below_force else value
+
+
+def in_seconds(time: np.ndarray, signal: SignalSettings) -> np.ndarray:
+    """Times in s."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return time * to_si(signal.time_unit, "time")
+
+
+def ends_of(signal: SignalSettings) -> tuple[float, float]:
+    """The times from which and to which recordings are read, s, by ``signal.crop``."""
+    start, stop = in_seconds(np.array(signal.crop or [-np.inf, np.inf]), signal)
+    return float(start), float(stop)
+
+
+def numbers_in(impacts: pd.DataFrame, name: str) -> Float64[np.ndarray, " impact"]:
+    """A column of ``impacts.csv`` that it may lack; nan where it states nothing."""
+    if name not in impacts:
+        return np.full(len(impacts), np.nan)
+    return np.asarray(impacts[name], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """The times between which each impact is read, both included, on the recorder's clock.
+
+    Attributes:
+        start: s; minus infinity where the recording is read from its beginning.
+        stop: s; infinity where it is read to its end.
+    """
+
+    start: Float64[np.ndarray, " impact"]
+    stop: Float64[np.ndarray, " impact"]
+
+    @classmethod
+    def stated(cls, impacts: pd.DataFrame, signal: SignalSettings) -> Windows:
+        """What ``impacts.csv`` says; where a cell is empty, what ``signal.crop`` says."""
+        cells = (numbers_in(impacts, name) for name in CROP)
+        ends = zip(cells, ends_of(signal), strict=True)
+        return cls(*(np.where(np.isfinite(cell), cell, end) for cell, end in ends))
+
+    def meet(self, first: int, second: int) -> bool:
+        """Whether two impacts of one recording have a stretch in common."""
+        return bool(self.start[first] < self.stop[second] and self.start[second] < self.stop[first])
+
+
+def crop(samples: Samples, windows: Windows, names: list[str]) -> tuple[Samples, list[Problem]]:
+    """The samples inside the windows, and what is wrong with impacts that have none there.
+
+    A sample whose time is no number stays, to be found as such.
 
     Args:
-        folder: the dataset's.
-        impacts: the names in ``impacts.csv``, in order.
-        signal: names of the columns, units, scale and offset.
-        file: the name of the table; one of `LONG_TABLES` unless given.
-        first: of a further channel the settings of the first one, which stands in the same table.
-
-    Raises:
-        InputError: there is no such table, or more than one, or it can't be read.
+        samples: of the impacts that have any.
+        windows: of all impacts.
+        names: of all impacts.
     """
-    paths = find_long(folder) if file is None else [folder / file]
-    if len(paths) > 1:
-        listed = ", ".join(path.name for path in paths)
-        raise InputError.stated("which-recordings.several", paths[0].name, value=listed)
-    if not paths:
-        tables, value = ", ".join(LONG_TABLES), "no table of samples"
-        raise InputError.stated("which-recordings.no-table", LONG_TABLES[0], value=value, tables=tables)
-    columns = {"numbers": [signal.time_column, signal.value_column], "labels": ["impact"]}
-    read = partial(read_table, paths[0], paths[0].name, remedy="Put the file there.", stated=signal)
-    table, signal = with_own_clock(partial(read, **columns), signal, first, paths[0].name)
-    rows = table.first_row + np.arange(table.labels["impact"].codes.size)
-    return replace(long_reading(paths[0].name, table, rows, impacts, signal), files=paths)
+    start, stop = windows.start[samples.impact], windows.stop[samples.impact]
+    before, after = (end[samples.owner] for end in (start, stop))
+    keep = ~((samples.time_s < before) | (samples.time_s > after))
+    problems, left = [], np.bincount(samples.owner[keep], minlength=len(samples))
+    for which in np.flatnonzero(left == 0):
+        time, name = samples[int(which)].time_s, names[samples.impact[which]]
+        times = f"times from {time.min():.6g} to {time.max():.6g} s" if time.size else "no samples"
+        ends = {"start": start[which], "stop": stop[which]}
+        problems.append(Problem.stated("crop.nothing", samples.file[which], value=times, impact=name, **ends))
+    return samples.at(keep), problems
 
 
-def long_reading(
-    file: str, table: Columns, rows: Int[np.ndarray, " row"], impacts: list[str], signal: SignalSettings
-) -> Reading:
-    """The recordings in columns that were read already, sorted by impact.
+@dataclass(frozen=True)
+class LimitSettings:
+    """By what samples at a sensor's limit are told from the peak of an impact.
+
+    Attributes:
+        plateau: so many equal greatest values make a plateau of one recording, if hardly any stand just
+            below.
+        recordings: a limit is the greatest value of so many recordings,
+        samples: or of two with more than so many such samples together.
+        steps_below: within so many steps of the recorder below a limit hardly any recording has its greatest
+            value.
+        same: of the values' size: equal readings may differ in their last digit once a scale was applied.
+    """
+
+    plateau: int = 4
+    recordings: int = 3
+    samples: int = 3
+    steps_below: float = 4.5
+    same: float = 1e-9
+
+
+LIMITS = LimitSettings()
+
+
+def with_limits(
+    samples: Samples, quantity: Quantity | ChannelQuantity, stated: tuple[float, float] | None = None
+) -> Samples:
+    """The recordings with what `at_limit` finds, and what a recorder itself wrote as beyond its range.
+
+    That has the greatest value of the recording on its side, or the one that was stated; arguments as of
+    `at_limit`.
+    """
+    said = [at for at, words in samples.text.items() if words.strip() in BEYOND_LIMIT]
+    at = np.array([i for i in said if np.isinf(samples.value[i])], int)
+    clipped = at_limit(samples, quantity, stated)
+    if not at.size:
+        return replace(samples, clipped=clipped) if clipped.any() else samples
+    value = samples.value.copy()
+    for sign in (1, -1):
+        limits = np.maximum.reduceat(np.where(np.isfinite(value), sign * value, -np.inf), samples.begin)
+        if stated is not None:
+            limits = np.maximum(limits, sign * stated[sign > 0])
+        mine = at[np.sign(samples.value[at]) == sign]
+        value[mine] = sign * limits[samples.owner[mine]]
+    clipped[at] = np.sign(samples.value[at])
+    return replace(samples, value=value, clipped=clipped)
+
+
+def at_limit(
+    samples: Samples, quantity: Quantity | ChannelQuantity, stated: tuple[float, float] | None = None
+) -> Int8[np.ndarray, " sample"]:
+    """1 where a sample stands at the sensor's upper limit, -1 at its lower one, 0 elsewhere.
+
+    A limit is what was stated; else the greatest value of several recordings, if hardly any recording has its
+    own just below it, or a plateau in one of them. No recording of the sensor goes beyond it.
 
     Args:
-        file: what messages call the table.
-        table: impact, time and value of each sample, in their units.
-        rows: of each sample what messages call its row.
-        impacts: the names that there should be, in order.
-        signal: names of the columns, units, scale and offset.
+        samples: the recordings, of one sensor.
+        quantity: what was recorded.
+        stated: the lower and the upper limit, m/s², m or N; None where none is known.
     """
-    times, readings = table.numbers[signal.time_column], table.numbers[signal.value_column]
-    labels = table.labels["impact"]
-    position = {name: index for index, name in reversed(list(enumerate(impacts)))}
-    codes = np.array([position.get(name, -1) for name in labels.names], int)[labels.codes]
-    order = _order(codes)
-    count = np.bincount(codes[codes >= 0], minlength=len(impacts))
-    has = np.flatnonzero(count)
-    samples = Samples(
-        times.array[order] if times.seconds else in_seconds(times.array[order], signal),
-        in_si(readings.array[order], signal),
-        np.concatenate([[0], np.cumsum(count[has])]),
-        has,
-        [file] * has.size,
-        rows[order],
-        signal.time_column,
-        signal.value_column,
-        _reordered_text({**times.text, **readings.text}, order, codes.size),
-    )
-    missing = [
-        Problem.stated("impacts-and-recordings.missing", file, None, "impact", "no samples", impact=name)
-        for index, name in enumerate(impacts)
-        # A name that stands there twice has been reported as such.
-        if not count[index] and name and position[name] == index
-    ]
-    return Reading(samples.to_their_ends, [*_unknown_impacts(file, labels, codes, rows), *missing], [])
+    value, clipped = samples.value, np.zeros(samples.value.size, np.int8)
+    if not samples.impact.size:
+        return clipped
+    with np.errstate(all="ignore"):
+        if stated is not None:
+            low, high = (
+                limit * (1 - np.copysign(LIMITS.same, limit * side))
+                for limit, side in zip(stated, (-1, 1), strict=True)
+            )
+            return (value >= high).astype(np.int8) - (value <= low).astype(np.int8)
+        for sign in (1, -1):
+            limit = _shared(samples, sign)
+            if limit is not None:
+                clipped[np.abs(value - limit) <= LIMITS.same * np.abs(limit)] = sign
+        _mark_plateaus(samples, quantity, clipped)
+    return clipped
 
 
-def _order(codes: np.ndarray) -> np.ndarray | slice:
-    if codes.size and codes[0] >= 0 and (codes[1:] >= codes[:-1]).all():
-        return slice(None)
-    return np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :]
+def _shared(samples: Samples, sign: int) -> float | None:
+    """The greatest value of the recordings on one side, if it is a limit of several."""
+    value = sign * samples.value
+    greatest = np.maximum.reduceat(value, samples.begin)
+    least = np.minimum.reduceat(value, samples.begin)
+    known = np.isfinite(greatest) & (greatest > 0.5 * -least) & (greatest > least)
+    if known.sum() < 2:
+        return None
+    limit = greatest[known].max()
+    same = known & (greatest >= limit * (1 - LIMITS.same))
+    # What was exported twice has its greatest value twice.
+    parts = [value[samples.begin[which] : samples.end[which]] for which in np.flatnonzero(same)]
+    different = len({part.tobytes() for part in parts})
+    count = sum(np.count_nonzero(part >= limit * (1 - LIMITS.same)) for part in parts)
+    step = _step(value[np.isfinite(value)], LIMITS.same * limit, otherwise=limit)
+    below = np.count_nonzero(known & ~same & (greatest > limit - LIMITS.steps_below * step))
+    several = different >= LIMITS.recordings or (different == 2 and count > LIMITS.samples)
+    return float(sign * limit) if several and different > 3 * below else None
 
 
-def _reordered_text(text: dict[int, str], order: np.ndarray | slice, rows: int) -> dict[int, str]:
-    if not text:
-        return {}
-    where = np.arange(rows)[order]
-    sites = np.flatnonzero(np.isin(where, list(text)))
-    return {int(site): text[int(where[site])] for site in sites}
-
-
-def _unknown_impacts(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -> Iterator[Problem]:
-    strange = np.flatnonzero(codes < 0)
-    for code, index in zip(*np.unique(labels.codes[strange], return_index=True), strict=True):
-        name, row = labels.names[code], rows[strange[index]]
-        value = name or "an empty cell"
-        yield Problem.stated("impacts-and-recordings.unknown", file, row, "impact", value, impact=name)
-
-
-def read_files(
-    folder: Path,
-    impacts: pd.DataFrame,
-    rows: np.ndarray,
-    signal: SignalSettings,
-    first: SignalSettings | None = None,
-) -> Reading:
-    """Read one recorder file per impact, as the column ``trace`` names them.
-
-    Args:
-        folder: the dataset's.
-        impacts: with the columns ``impact``, ``trace`` and perhaps ``sampling_rate_hz``.
-        rows: for every impact its row in ``impacts.csv``.
-        signal: names of the channels, units, scale and offset.
-        first: of a further channel the settings of the first one.
-    """
-    problems: list[Problem] = []
-    pieces: list[Samples] = []
-    names = impacts["impact"].tolist()
-    rates = impacts.get("sampling_rate_hz", pd.Series(np.nan, index=impacts.index)).to_numpy()
-    windows = Windows.stated(impacts, signal)
-    taken: dict[Path, list[int]] = {}
-    held: tuple[tuple[Path, str], Samples] | None = None
-    size = 0
-    for index, name in enumerate(impacts["trace"]):
-        try:
-            path = _inside(folder, name, int(rows[index]))
-            _require_apart(path, name, index, int(rows[index]), taken, windows)
-            # One that several impacts share is read once: they mostly follow each other.
-            key = (path, str(rates[index]))
-            if held is None or held[0] != key:
-                held = key, _samples(read_recording(path, name, signal, first), rates[index], name, signal)
-            whole = replace(held[1], impact=np.array([index]), file=[name])
-        except InputError as error:
-            of_impact = partial(replace, impact=names[index] or None, files_read=len(impacts))
-            problems += map(of_impact, error.problems)
-            continue
-        taken.setdefault(path, []).append(index)
-        piece, outside = crop(whole, windows, names)
-        problems += outside
-        if not outside:
-            size += piece.time.nbytes + piece.value.nbytes
-            require_small(size, "the recordings together")
-            pieces.append(piece)
-    return Reading(
-        Samples.joined(pieces, signal), problems, list(dict.fromkeys(of_part(p)[0] for p in taken))
-    )
-
-
-def read_one(
-    path: Path, label: str, signal: SignalSettings, rate: float = np.nan
-) -> tuple[np.ndarray, np.ndarray]:
-    """The times (s) and values (m/s² or m) of a whole recording, both [sample].
-
-    Args:
-        path: the file.
-        label: what to call it in a message.
-        signal: names of the channels, units, scale and offset.
-        rate: the sampling rate in Hz, where the file has no times.
-
-    Raises:
-        InputError: the file is missing or damaged, lacks a channel, or has no times.
-    """
-    samples = _samples(read_recording(path, label, signal), rate, label, signal)
-    return samples.time, samples.value
-
-
-def _samples(recording: Recording, rate: float, file: str, signal: SignalSettings) -> Samples:
-    """The recording in SI units, its times by the sampling rate (Hz) where it has none."""
-    count = recording.value.size
-    if recording.time is not None:
-        time = in_seconds(recording.time, signal)
-    elif recording.clock is not None:
-        time = recording.clock
-    elif np.isfinite(rate):
-        time = np.arange(count) / rate
-    else:
-        raise InputError.stated("no-times", file, column=signal.time_column, value="no times")
-    return Samples(
-        time,
-        in_si(recording.value, signal),
-        np.array([0, count]),
-        np.array([0]),
-        [file],
-        recording.first_row + np.arange(count) if recording.rows is None else recording.rows,
-        signal.time_column,
-        signal.value_column,
-        recording.text,
-    ).to_their_ends
-
-
-def _require_apart(
-    path: Path, name: str, index: int, row: int, taken: dict[Path, list[int]], windows: Windows
+def _mark_plateaus(
+    samples: Samples, quantity: Quantity | ChannelQuantity, clipped: Int8[np.ndarray, " sample"]
 ) -> None:
-    """Refuse a recording, or a part of one, that an earlier impact has."""
-    if any(windows.meet(index, neighbour) for neighbour in taken.get(path, ())):
-        start, stop = windows.start[index], windows.stop[index]
-        cropped = np.isfinite(start) or np.isfinite(stop)
-        value = f"{name}, from {start:.6g} to {stop:.6g} s" if cropped else name
-        raise InputError.stated("impacts-and-recordings.shared", "impacts.csv", row, "trace", value)
+    """Write into ``clipped`` where recordings are cut off at one value.
+
+    At a recorder's limit samples pile up: more stand there than the few steps of the recorder's scale below
+    it hold together. A smooth or noisy peak has its readings spread over these steps. Of a displacement only
+    the upper side counts.
+    """
+    value = samples.value
+    ends = [np.maximum.reduceat(value, samples.begin), np.minimum.reduceat(value, samples.begin)]
+    greatest = np.maximum(*np.abs(ends))
+    for limit, sign in zip(ends[:1] if quantity == "displacement" else ends, (1, -1), strict=False):
+        count = np.add.reduceat((value == limit[samples.owner]).astype(int), samples.begin)
+        extreme = (np.abs(limit) > 0.5 * greatest) & (ends[0] > ends[1])
+        for which in np.flatnonzero(extreme & (count >= LIMITS.plateau)):
+            mine = value[samples.begin[which] : samples.end[which]]
+            distance = np.abs(mine - limit[which])
+            near = LIMITS.steps_below * _step(mine, LIMITS.same * np.ptp(mine))
+            if count[which] > 3 * np.count_nonzero((distance > 0) & (distance < near)) + 2:
+                clipped[samples.begin[which] : samples.end[which]][mine == limit[which]] = sign
 
 
-def _inside(folder: Path, name: str, row: int) -> Path:
-    if not name:
-        raise InputError.stated("which-recordings.none", "impacts.csv", row, "trace", "an empty cell")
-    try:
-        path = (folder / name).resolve()
-        outside = Path(name).is_absolute() or not path.is_relative_to(folder.resolve())
-    except (OSError, ValueError, RuntimeError):
-        outside = True
-    if outside:
-        raise InputError.stated("which-recordings.outside", "impacts.csv", row, "trace", name)
-    return path
+def _step(values: Float64[np.ndarray, " sample"], rounding: float, otherwise: float = np.inf) -> float:
+    """The recorder's step: the least difference of values that is more than ``rounding``."""
+    steps = np.diff(np.unique(values))
+    return float(steps[steps > rounding].min(initial=otherwise))

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import ndtri
 
-from bayestissue.dataset.recordings import RATE_WITHIN, Samples
+from bayestissue.dataset.traces import RATE_WITHIN, Samples
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def twins(samples: Samples) -> Iterator[tuple[int, int, bool]]:
     raises an alarm. Of recordings whose intervals are multiples of one another, those of the shorter one are
     looked at with as many samples left out, from each of the first ones on.
     """
-    values = [samples.value[begin:end] for begin, end in zip(samples.begin, samples.end, strict=True)]
+    values = [trace.value for trace in samples]
     first: dict[bytes, int] = {}
     distinct = []
     for which, value in enumerate(values):

@@ -12,7 +12,6 @@ import pandas as pd
 from jaxtyping import Int
 
 from bayestissue.dataset.model import Dataset
-from bayestissue.dataset.recordings import uneven
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.elements import element
@@ -273,15 +272,12 @@ def only_by_impact(dataset: Dataset, source: str, column: str, value: str) -> li
         column: the setting that does.
         value: what it is set to.
     """
-    start = np.cumsum([0, *(len(trace.time_s) for trace in dataset.traces)])
-    bent = uneven(np.concatenate([trace.time_s for trace in dataset.traces]), start)
-    limited = np.array([trace.clipped is not None for trace in dataset.traces])
-    names = dataset.impacts["impact"]
+    names, traces = dataset.impacts["impact"], dataset.traces
     return [
         Problem.stated(
             key, source, None, column, value, count=int(rows.sum()), first=names.iloc[int(np.argmax(rows))]
         )
-        for key, rows in (("uneven-times.model", bent), ("clipped.model", limited))
+        for key, rows in (("uneven-times.model", traces.uneven), ("clipped.model", traces.limited))
         if rows.any()
     ]
 

@@ -17,11 +17,11 @@ from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import BEFORE_PART, of_part
 from bayestissue.dataset.left_out import NEVER_READ, reason_of, write_left_out
+from bayestissue.dataset.reading import read_one
 from bayestissue.dataset.recorders import suffix_of
-from bayestissue.dataset.recordings import CROP, MIN_SAMPLES, ends_of
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings, reworded
-from bayestissue.dataset.traces import read_one
+from bayestissue.dataset.traces import CROP, MIN_SAMPLES, Traces, ends_of
 from bayestissue.declarations import sentences
 from bayestissue.errors import InputError, Problem, collected, refuse
 from bayestissue.intake.choices import PLACES, Choices, Cutting, require_steady
@@ -211,8 +211,7 @@ def _notes(dataset: Dataset, signal: Displacements, choices: Choices) -> tuple[s
         force = choices.beside
         words = said("notes.force", channel=force["value_column"], place=force["place"])
         notes.append(words + (said("notes.turned") if "scale" in force else ""))
-    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
-    oriented = [Trace(trace.time_s, sign * trace.value) for trace in dataset.traces]
+    oriented = dataset.traces.slowing(dataset.quantity)
     traces = dict(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))
     several = [] if choices.several else [impact for impact, trace in traces.items() if len(cut(trace)) > 1]
     threshold = choices.threshold if choices.several else Cutting.threshold
@@ -302,11 +301,9 @@ class _Plan:
 
     def oriented(self, file: File) -> Trace:
         """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
-        time, value = read_one(file.path, file.name, self.signal, self._rate(file))
-        value = -value if self.signal.quantity == "acceleration" else value
-        start, stop = ends_of(self.signal)
-        inside = (time >= start) & (time <= stop)
-        return Trace(time[inside], value[inside])
+        read = read_one(file.path, file.name, self.signal, self._rate(file))
+        whole, (start, stop) = Traces.of([read]).slowing(self.signal.quantity), ends_of(self.signal)
+        return whole.at((whole.time_s >= start) & (whole.time_s <= stop))[0]
 
     def _rate(self, file: File) -> float:
         """The stated sampling rate, Hz; not a number where none was."""

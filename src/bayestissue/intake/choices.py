@@ -13,9 +13,9 @@ import pandas as pd
 from pydantic import Field
 
 from bayestissue.dataset.impacts import WITHIN, in_two_levels
-from bayestissue.dataset.recordings import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.settings import DIMENSIONS, arguments, plain_value
 from bayestissue.dataset.settings import PLACES as KEYS
+from bayestissue.dataset.traces import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.facts import Facts

@@ -14,8 +14,8 @@ from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import of_part, read_bytes, sheet_names
 from bayestissue.dataset.formats import Contents
 from bayestissue.dataset.recorders import SUFFIXES, contents_of, is_text_of_numbers, suffix_of
-from bayestissue.dataset.recordings import MIN_SAMPLES
 from bayestissue.dataset.tables import TEXT_SUFFIXES
+from bayestissue.dataset.traces import MIN_SAMPLES
 from bayestissue.errors import InputError, Problem
 from bayestissue.outline import first_of
 

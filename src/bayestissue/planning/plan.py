@@ -19,7 +19,7 @@ from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, grouping_of
 from bayestissue.inference.answers.fixed import confounded
 from bayestissue.inference.answers.meaning import as_recorded
-from bayestissue.outline import Outlined, Rows, short
+from bayestissue.outline import Rows, short
 from bayestissue.planning.analysis import Study, factors_named, study_of
 from bayestissue.planning.assurance import Assessment, Goal, Progress
 from bayestissue.planning.ledger import Case, Ledger, sha256_of
@@ -27,7 +27,8 @@ from bayestissue.planning.population import Beliefs, DesignPrior, Pilot, Without
 from bayestissue.planning.settings import PLAN as SETTINGS
 from bayestissue.planning.specification import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
 from bayestissue.planning.words import answer, in_own_words, limit_words, paragraph, warning, what_limits
-from bayestissue.report.run_folder import draw_page
+from bayestissue.report.plan_page import page_of
+from bayestissue.result import Result
 from bayestissue.results.tables import table_of_rows, typed
 from bayestissue.simulation.specification import Recording
 
@@ -35,7 +36,7 @@ PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Outlined):
+class Plan(Result):
     """A plan carried out.
 
     Attributes:
@@ -45,6 +46,8 @@ class Plan(Outlined):
         studies: a row for each study: ``studies.parquet``, from which a longer plan goes on.
     """
 
+    command = "plan"
+    files = ("designs.csv", "report.html")
     about: dict[str, Any]
     content: dict[str, Any]
     designs: pd.DataFrame
@@ -69,23 +72,20 @@ class Plan(Outlined):
         """The same for a grant application or a preregistration."""
         return str(self.content["paragraph"])
 
-    def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the folder that `bayestissue plan` writes, page and all.
+    @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """The designs."""
+        return {DESIGNS: self.designs}
 
-        Args:
-            path: a folder that is new or empty.
-            overwrite: replace what is there.
+    def page(self) -> str:
+        """The HTML of the page."""
+        return page_of(self.content, typed(DESIGNS, self.designs), self.about)
 
-        Returns:
-            The path of the page.
-
-        Raises:
-            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
-        """
-        with results.claim(Path(path), overwrite=overwrite, command="plan") as target:
-            with target.folder() as folder:
-                write_plan(self, folder)
-            return draw_page(target.path)
+    def write(self, folder: Path) -> None:
+        """Write every file of a plan, but for the page that is drawn of them."""
+        super().write(folder)
+        self.studies.to_parquet(folder / STUDIES, index=False)
+        results.write_json(self.content, folder / PLAN)
 
 
 def plan(
@@ -288,14 +288,6 @@ def _best(numbers: Sequence[int], reached: Sequence[float], minutes: Sequence[fl
     if reaching:
         return min(reaching, key=lambda number: minutes[number])
     return max(numbers, key=lambda number: (reached[number], -minutes[number]))
-
-
-def write_plan(plan: Plan, folder: Path) -> None:
-    """Write every file of a plan, but for the page that is drawn of them."""
-    results.write_table(plan.designs, folder / f"{DESIGNS}.csv")
-    plan.studies.to_parquet(folder / STUDIES, index=False)
-    results.write_json(plan.content, folder / PLAN)
-    results.write_json(plan.about, folder / "run.json")
 
 
 def known_studies(folder: Path) -> pd.DataFrame | None:

@@ -22,7 +22,6 @@ from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Row, Table, columns, frame_table
 from bayestissue.signal import Displacements
 from bayestissue.signal.force import Force
-from bayestissue.signal.traces import stack
 from bayestissue.words import Words
 
 # Time [ms] and value of each curve and event, by kind.
@@ -107,7 +106,7 @@ def quality_table(
         {
             **{name: impacts[name] for name in ("impact", "subject", "trial")},
             "n_samples": [values.size for values in highest],
-            "sampling_rate_hz": 1 / stack(dataset.traces).dt,
+            "sampling_rate_hz": 1 / dataset.traces.interval,
             f"offset_{unit}": signal.offset,
             f"noise_sd_{unit}": signal.noise_sd,
             f"peak_{unit}": peak,
@@ -132,7 +131,7 @@ def _upwards(dataset: Dataset, row: int, offset: float = 0.0) -> np.ndarray:
         row: of its impact.
         offset: what the recorder shows of no deceleration, to be taken off.
     """
-    return (-1.0 if dataset.quantity == "acceleration" else 1.0) * dataset.traces[row].value - offset
+    return dataset.traces[[row]].slowing(dataset.quantity).value - offset
 
 
 def _force_columns(force: Force | None) -> dict[str, np.ndarray]:

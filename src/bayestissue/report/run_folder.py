@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
+from collections.abc import Collection, Container, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -14,9 +14,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.errors import InputError, PartialResultError, Problem
-from bayestissue.outline import short
-from bayestissue.remedies import Code
+from bayestissue.errors import InputError, Problem
 from bayestissue.results import require_as_written, whole_file
 from bayestissue.results.tables import AGAIN, HELD, wrong_in
 from bayestissue.runtime import FORMAT
@@ -136,7 +134,7 @@ def open_tree(path: Path, needed: Mapping[str, Sequence[str]], remedy: str = AGA
     with _as_input_errors(path, remedy):
         tree = xr.open_datatree(path, engine="h5netcdf")
         try:
-            _require_parts({group: tree[group].data_vars for group in tree.children}, needed, path, remedy)
+            require_groups(tree, needed, path, remedy)
         except InputError:
             tree.close()
             raise
@@ -179,6 +177,13 @@ def of_population(
     return {**groups, "posterior": posterior.drop_vars(single - set(of_impacts))}
 
 
+def require_groups(
+    tree: xr.DataTree, needed: Mapping[str, Sequence[str]], path: Path, remedy: str = AGAIN
+) -> None:
+    """Raise an `InputError` of a tree that lacks some of the variables ``needed``, by group."""
+    _require_parts({group: tree[group].data_vars for group in tree.children}, needed, path, remedy)
+
+
 def _require_parts(
     groups: Mapping[str, Container[Any]], needed: Mapping[str, Sequence[str]], path: Path, remedy: str
 ) -> None:
@@ -213,55 +218,10 @@ def write_report(run_dir: Path) -> Path:
         InputError: the folder isn't that of a finished run; what lacks is named.
     """
     run_dir = Path(run_dir)
-    return _written(run_dir, _page(run_dir, read_about(run_dir)))
-
-
-def _written(run_dir: Path, html: str) -> Path:
-    path = run_dir / "report.html"
+    html, path = _page(run_dir, read_about(run_dir)), run_dir / "report.html"
     with whole_file(path) as staging:
         staging.write_text(html, encoding="utf-8")
     return path
-
-
-def draw_page(run_dir: Path, page: Callable[[], str] | None = None) -> Path:
-    """The page of results that stand already, and that a page that fails must not put in doubt.
-
-    Args:
-        run_dir: the folder of the results.
-        page: makes the HTML of what is in memory; it is made from the folder's files unless given.
-
-    Raises:
-        PartialResultError: the page could not be drawn; the results are written.
-    """
-    with after_results(run_dir, f"`bayestissue report {run_dir}` draws the page"):
-        return write_report(run_dir) if page is None else _written(run_dir, page())
-
-
-@contextmanager
-def after_results(
-    folder: Path, again: str, *, failed: str = "their page could not be drawn", code: Code = "page-not-drawn"
-) -> Iterator[None]:
-    """A block that adds to results that stand.
-
-    Args:
-        folder: of the results.
-        again: how it is repeated if it fails or is stopped.
-        failed: what it means that it failed.
-        code: of that.
-
-    Raises:
-        PartialResultError: whatever failed in the block, in one line.
-    """
-    try:
-        yield
-    except KeyboardInterrupt as request:
-        request.add_note(f"the results are in {folder}; {again}")
-        raise
-    except Exception as error:
-        what = short(" ".join(f"{type(error).__name__}: {error}".split()), 300)
-        raise PartialResultError(
-            f"the results are in {folder}, but {failed} ({what}); {again}", code=code
-        ) from error
 
 
 # Of each kind of run: the module with its page, and the function that makes it.

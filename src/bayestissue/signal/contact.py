@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayestissue.dataset.model import Trace
 from bayestissue.dataset.settings import STANDARD_GRAVITY, Quantity
+from bayestissue.dataset.traces import Trace, Traces
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.settings import CONTACT
 from bayestissue.signal.traces import (
@@ -62,7 +62,7 @@ class Onset:
 
 def motion_of(traces: Sequence[Trace], quantity: Quantity) -> Recordings:
     """The recordings of these traces, positive while the impactor slows, from its release on."""
-    slowing = stack(traces).signed(-1.0 if quantity == "acceleration" else 1.0)
+    slowing = stack(Traces.of(traces).slowing(quantity))
     return slowing if quantity == "displacement" else since_release(slowing)
 
 

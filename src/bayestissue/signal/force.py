@@ -26,7 +26,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset.model import Dataset
-from bayestissue.dataset.recordings import interpolated
 from bayestissue.dataset.settings import ChannelSettings, LowPassFilter
 from bayestissue.signal.displacement import FEWEST_SAMPLES, Displacements
 from bayestissue.signal.filters import on_even_grid
@@ -202,12 +201,10 @@ def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements)
     above = np.where(force.inside, force.value - _first_mean(force, signal.contact_time_s), 0.0)
     steps = np.diff(times, axis=1) * force.inside[:, 1:]
     taken = np.pad(np.cumsum((above[:, 1:] + above[:, :-1]) / 2 * steps, axis=1), ((0, 0), (1, 0)))
-    owner = np.broadcast_to(np.arange(len(times))[:, None], times.shape)
-    samples = times[force.inside], taken[force.inside], owner[force.inside]
+    samples, row = force.ragged(times, taken), np.arange(len(times))[:, None]
 
     def impulse(at: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
-        rows = np.broadcast_to(owner[:, :1], at.shape)
-        return interpolated(at.ravel(), rows.ravel(), *samples).reshape(at.shape)
+        return samples.interpolated(at, row)
 
     V = np.where(np.isfinite(signal.velocity), signal.velocity, signal.v[:, 0])[:, None]
     to_peak, at_contact = signal.time_to_peak[:, None], impulse(np.zeros_like(V))
@@ -392,8 +389,7 @@ def _as_comparable(
     dataset: Dataset, channel: ChannelSettings, signal: Displacements
 ) -> tuple[Recordings, Recordings]:
     """The force, and the deceleration without its zero; each through both low-passes if these differ."""
-    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
-    force, slowing = stack(*dataset.further), stack(dataset.traces).signed(sign)
+    force, slowing = stack(*dataset.further), stack(dataset.traces.slowing(dataset.quantity))
     slowing = replace(slowing, value=np.where(slowing.inside, slowing.value - signal.offset[:, None], 0.0))
     if channel.recorder != dataset.recorder:
         slowing = _passed(slowing, channel.recorder, 0.0)
@@ -413,7 +409,7 @@ class _Expected:
         self.mass = (signal.mass - tip_mass_kg)[:, None]
         self.reach = _REACH * signal.time_to_peak[:, None]
         times = (slowing.start - signal.contact_time_s)[:, None] + slowing.time_s
-        self._samples = times[slowing.inside], slowing.value[slowing.inside], np.nonzero(slowing.inside)[0]
+        self._samples = slowing.ragged(times, slowing.value)
         first, last = times[:, :1], np.take_along_axis(times, slowing.n[:, None] - 1, axis=1)
         self._begin = np.maximum(-signal.time_to_peak[:, None], first + 2 * self.reach)
         self._end = np.minimum(_AFTER * signal.time_to_peak[:, None], last - 2 * self.reach)
@@ -424,8 +420,7 @@ class _Expected:
 
     def at(self, times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
         """The force at these times, linear between samples."""
-        impact = np.broadcast_to(np.arange(len(times))[:, None], times.shape)
-        return self.mass * interpolated(times.ravel(), impact.ravel(), *self._samples).reshape(times.shape)
+        return self.mass * self._samples.interpolated(times, np.arange(len(times))[:, None])
 
     def slope(self, times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
         """Its derivative [N/s], by a central difference."""

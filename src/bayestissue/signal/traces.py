@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.dataset.model import Trace
-from bayestissue.dataset.recordings import uneven
+from bayestissue.dataset.traces import Trace, Traces
 
 type Rows = Float[np.ndarray, "impact sample"]
 type Mask = Bool[np.ndarray, "impact sample"]
@@ -34,11 +33,6 @@ class Recordings:
     ahead_s: float = 0.0
     sample_number: Rows | None = None
     clipped: Rows | None = None
-
-    def signed(self, sign: float) -> Recordings:
-        """All values times 1 or -1."""
-        clipped = None if self.clipped is None else sign * self.clipped
-        return replace(self, value=sign * self.value, clipped=clipped)
 
     @property
     def sample_numbers(self) -> Rows:
@@ -65,6 +59,10 @@ class Recordings:
         """From one sample of each row to another, s."""
         return (self.sample_number_of(end) - self.sample_number_of(begin)) * self.dt
 
+    def ragged(self, time: Rows, value: Rows) -> Traces:
+        """Times and values of its samples end to end."""
+        return Traces(time[self.inside], value[self.inside], np.cumsum([0, *self.n]))
+
     @property
     def uneven(self) -> Mask:
         """Which rows, [impact], have uneven times."""
@@ -78,33 +76,23 @@ class Recordings:
         return np.arange(self.value.shape[1]) < self.n[:, None]
 
 
-def stack(traces: Sequence[Trace]) -> Recordings:
+def stack(recordings: Sequence[Trace]) -> Recordings:
     """Lay recordings under one another; the interval is the mean one."""
-    n = np.array([len(trace.value) for trace in traces])
-    first = np.array([trace.time_s[0] for trace in traces], dtype=float)
-    last = np.array([trace.time_s[-1] for trace in traces], dtype=float)
-    value = np.zeros((len(traces), int(n.max())))
-    value[np.arange(value.shape[1]) < n[:, None]] = np.concatenate([trace.value for trace in traces])
-    limits = [trace.clipped for trace in traces]
-    clipped = None
-    if any(limit is not None for limit in limits):
+    traces = Traces.of(recordings)
+    n, dt, bent = traces.n_samples, traces.interval, traces.uneven
+    inside = np.arange(int(n.max())) < n[:, None]
+    clipped = sample_number = None
+    value = np.zeros(inside.shape)
+    value[inside] = traces.value
+    if traces.clipped is not None:
         clipped = np.zeros_like(value)
-        for row, limit in enumerate(limits):
-            clipped[row, : n[row]] = 0 if limit is None else limit
-    dt = (last - first) / np.maximum(n - 1, 1)
-    sample_number = _sample_numbers(traces, n, first, dt)
-    return Recordings(value, n, first, dt, sample_number=sample_number, clipped=clipped)
-
-
-def _sample_numbers(traces: Sequence[Trace], n: Index, first: Column, dt: Column) -> Rows | None:
-    """See `Recordings.sample_number`."""
-    bent = uneven(np.concatenate([trace.time_s for trace in traces]), np.concatenate([[0], np.cumsum(n)]))
-    if not bent.any():
-        return None
-    sample_number = np.tile(np.arange(int(n.max()), dtype=float), (len(n), 1))
-    for row in np.flatnonzero(bent).tolist():
-        sample_number[row, : n[row]] = (traces[row].time_s - first[row]) / dt[row]
-    return sample_number
+        clipped[inside] = traces.clipped
+    if bent.any():
+        sample_number = np.tile(np.arange(int(n.max()), dtype=float), (len(n), 1))
+        for row in np.flatnonzero(bent).tolist():
+            time = traces[row].time_s
+            sample_number[row, : n[row]] = (time - time[0]) / dt[row]
+    return Recordings(value, n, traces.time_s[traces.begin], dt, sample_number=sample_number, clipped=clipped)
 
 
 def last_where(condition: Mask) -> Index:

@@ -13,8 +13,9 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset import write_dataset
 from bayestissue.dataset.impacts import REFERENCE
-from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.settings import LowPassFilter, Settings, gravity_m_s2
+from bayestissue.dataset.traces import Traces
 from bayestissue.elements import element
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.results.tables import write_table
@@ -64,17 +65,15 @@ class Campaign:
 
     def dataset(self, name: str) -> Dataset:
         """The campaign as a dataset, as if it had been written and read, without a folder or a hash."""
-        ends = np.cumsum(self.n_samples)[:-1]
-        times, values = np.split(self.time, ends), np.split(self.value, ends)
+        start = np.cumsum([0, *self.n_samples])
         settings = self.settings.in_si().model_copy(update={"name": name})
-        data = Dataset(settings, self.impacts, list(map(Trace, times, values)))
+        data = Dataset(settings, self.impacts, Traces(self.time, self.value, start))
         if self.force is None:
             return data
         limit = self.settings.channel[0].limit or np.inf
         clipped = np.where(np.abs(self.force) >= limit, np.sign(self.force), 0).astype(np.int8)
-        forces = zip(times, *(np.split(part, ends) for part in (self.force, clipped)), strict=True)
-        traces = [Trace(time, value, at if at.any() else None) for time, value, at in forces]
-        return replace(data, further=(traces,))
+        forces = Traces(self.time, self.force, start, clipped=clipped if clipped.any() else None)
+        return replace(data, further=(forces,))
 
 
 def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:

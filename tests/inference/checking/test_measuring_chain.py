@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayestissue.dataset import Dataset
-from bayestissue.dataset.model import Trace
+from bayestissue.dataset import Dataset, Trace
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.checking.measuring_chain import AMPLITUDE, OFFSET, freed, judge

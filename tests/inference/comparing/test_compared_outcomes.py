@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import xarray as xr
 from numpy.testing import assert_allclose
 
+from bayestissue.comparing import posteriors_by_run, same_questions
+from bayestissue.finished import Fit
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ask_what_can_be, numbered
-from bayestissue.inference.comparing import FinishedRun, posteriors_by_run, same_questions
 from bayestissue.report.comparison import outcome_figures
 from designs import REFERENCE, impacts
 
@@ -23,7 +22,7 @@ EFFECTS = {"s0": -0.3, "s1": 0.0, "s2": 0.1, "s3": 0.2}
 ENDS = ["eti90_low", "median", "eti90_high"]
 
 
-def run(name: str, log_K: float, mass: float = REFERENCE) -> FinishedRun:
+def run(name: str, log_K: float, mass: float = REFERENCE, *, discrepancy: bool = False) -> Fit:
     rows = impacts().assign(velocity_m_s=V).drop(columns="impact")
     rng = np.random.default_rng(len(name))
     effects = np.array(list(EFFECTS.values())) + 0.01 * rng.standard_normal((*SHAPE, 4))
@@ -40,11 +39,17 @@ def run(name: str, log_K: float, mass: float = REFERENCE) -> FinishedRun:
     recorded = Recorded(rows, {"K": "(1|subject)", "C": "1"}, mass)
     constants = xr.Dataset({"impact_subject": ("impact", rows["subject"].to_numpy())})
     tree = xr.DataTree.from_dict({"posterior": posterior, "constant_data": constants})
-    return FinishedRun(name, {"likelihood": "impact"}, tree, Finished(posterior, None, recorded))
+    fit = Fit({"model": {"likelihood": "impact"}}, tree, {}, {}.__getitem__)
+    vars(fit)["finished"] = Finished(posterior, None, recorded, discrepancy=discrepancy)
+    return fit
 
 
-def depth(run: FinishedRun, person: str = "") -> np.ndarray:
-    posterior = run.tree["posterior"].dataset
+def runs(**further: bool) -> dict[str, Fit]:
+    return {"soft": run("soft", 7.5), "stiffer": run("stiffer", 8.0, **further)}
+
+
+def depth(run: Fit, person: str = "") -> np.ndarray:
+    posterior = run.posterior["posterior"].dataset
     log_K = posterior["intercept_K"]
     if person:
         log_K = log_K + posterior["subject_effect_K"].sel(subject=person)
@@ -59,29 +64,28 @@ def depth_of(log_K: np.ndarray, log_C: np.ndarray) -> np.ndarray:
 
 
 def test_outcomes_of_a_typical_and_of_each_person_stand_side_by_side() -> None:
-    runs = [run("soft", 7.5), run("stiffer", 8.0)]
-    table = posteriors_by_run(runs).set_index(["variable", "label", "run"])
-    for one in runs:
-        typical = table.loc["peak_depth_typical_person", "", one.name]
+    table = posteriors_by_run(runs()).set_index(["variable", "label", "run"])
+    for name, one in runs().items():
+        typical = table.loc["peak_depth_typical_person", "", name]
         assert_allclose(typical[ENDS].astype(float), np.percentile(depth(one), [5, 50, 95]))
         assert typical["of"] == "a typical person at the reference impact"
         assert typical["unit"] == "m"
-        own = table.loc["peak_depth_subject", "s2", one.name]
+        own = table.loc["peak_depth_subject", "s2", name]
         assert_allclose(own[ENDS].astype(float), np.percentile(depth(one, "s2"), [5, 50, 95]))
-    alone = posteriors_by_run([replace(runs[0], finished=replace(runs[0].finished, discrepancy=True))])
+    alone = posteriors_by_run({"soft": run("soft", 7.5, discrepancy=True)})
     assert not alone["variable"].str.startswith("peak").any()
 
 
 def test_outcomes_of_a_new_person_hold_how_people_and_impacts_differ() -> None:
     one = run("soft", 7.5)
-    table = posteriors_by_run([one]).set_index("variable")
+    table = posteriors_by_run({"soft": one}).set_index("variable")
     row = table.loc["peak_depth_new"]
     assert row["of"] == "a new impact on a new person at the reference impact"
     # One route: what `predict` says of an impact of which nothing is given.
     column = "peak_displacement_m"
     told = predict(one.finished, [{}]).iloc[0][[f"{column}_low", column, f"{column}_high"]]
     assert_allclose(row[ENDS].astype(float), told.astype(float))
-    figure, *_ = outcome_figures(posteriors_by_run([one, run("stiffer", 8.0)]))
+    figure, *_ = outcome_figures(posteriors_by_run(runs()))
     assert list(figure.data["label"].drop_duplicates()) == ["typical", "new", *EFFECTS]
     rng, count = np.random.default_rng(5), 100_000
     log_K = 7.5 + np.sqrt(0.05**2 + SD_SUBJECT**2 + SD_IMPACT**2) * rng.standard_normal(count)
@@ -93,27 +97,27 @@ def test_outcomes_of_a_new_person_hold_how_people_and_impacts_differ() -> None:
 
 
 def test_the_same_questions_are_answered_by_each_run() -> None:
-    runs = [run("soft", 7.5), run("stiffer", 8.0)]
-    limit = float(np.median(depth(runs[1])))
+    limit = float(np.median(depth(runs()["stiffer"])))
     claim, number = f"peak_depth < {limit}", "peak_depth[subject=s2]"
     best = "best(subject, lowest peak_depth)"
     asked = numbered([claim, number, best])
-    answers = same_questions({one.name: {"asked": ask_what_can_be(one.finished, asked)} for one in runs})
+    answers = same_questions(
+        {name: {"asked": ask_what_can_be(one.finished, asked)} for name, one in runs().items()}
+    )
     of = answers.set_index(["question", "run"])
-    for one in runs:
-        assert of.loc[(claim, one.name), "value"] == (depth(one) < limit).mean()
+    for name, one in runs().items():
+        assert of.loc[(claim, name), "value"] == (depth(one) < limit).mean()
         low, median, high = np.percentile(depth(one, "s2"), [5, 50, 95])
-        assert_allclose(
-            of.loc[(number, one.name), ["low", "value", "high"]].astype(float), [low, median, high]
-        )
-        chosen = answers[answers["question"].str.startswith("best(") & (answers["run"] == one.name)]
+        assert_allclose(of.loc[(number, name), ["low", "value", "high"]].astype(float), [low, median, high])
+        chosen = answers[answers["question"].str.startswith("best(") & (answers["run"] == name)]
         assert_allclose(chosen["value"].sum(), 1.0)
         assert len(chosen) == len(EFFECTS)
 
 
 def test_a_run_without_an_answer_has_no_row() -> None:
-    runs = [run("soft", 7.5), run("stiffer", 8.0)]
-    runs[1] = replace(runs[1], finished=replace(runs[1].finished, discrepancy=True))
-    asked = {one.name: {"asked": ask_what_can_be(one.finished, numbered(["peak_depth"]))} for one in runs}
+    asked = {
+        name: {"asked": ask_what_can_be(one.finished, numbered(["peak_depth"]))}
+        for name, one in runs(discrepancy=True).items()
+    }
     assert asked["stiffer"]["asked"]["note"].str.contains("no answer").all()
     assert set(same_questions(asked)["run"]) == {"soft"}

@@ -8,13 +8,12 @@ import xarray as xr
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.comparing import observed_by, of_same_numbers
+from bayestissue.finished import Fit
 from bayestissue.inference.comparing import (
     BY_IMPACT,
     BY_TRIAL,
     COLUMNS,
-    FinishedRun,
     by_impact,
     by_importance,
     by_trial,
@@ -29,9 +28,9 @@ from bayestissue.inference.results.cross_validation import prior_sensitivity
 def test_runs_are_held_side_by_side_by_what_their_likelihood_is_of(likelihood: str, name: str) -> None:
     observed = xr.Dataset({name: (("impact", "sample"), np.ones((2, 3)))})
     tree = xr.DataTree.from_dict({"observed_data": observed})
-    finished = Finished(xr.Dataset(), None, Recorded(pd.DataFrame(), {}, 1.0))
-    run = FinishedRun("run", {"likelihood": likelihood}, tree, finished)
-    assert run.observed.sizes == {"impact": 2, "sample": 3}
+    one, other = (Fit({"model": {"likelihood": likelihood}}, tree, {}, {}.__getitem__) for _ in range(2))
+    assert observed_by(one) == name
+    assert of_same_numbers({"one": one, "other": other}) == [{"one": one, "other": other}]
 
 
 def test_by_trial_figures_worked_by_hand() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset import Dataset, Trace
 from bayestissue.hierarchy import population
 from bayestissue.hierarchy.gaussian import arrangement
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset import Dataset, Trace
 from bayestissue.dataset.settings import Uncertainty
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.points.notes import said_once

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import bayestissue as bt
-from bayestissue.dataset.model import Trace
+from bayestissue.dataset import Trace
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 

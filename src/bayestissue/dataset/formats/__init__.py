@@ -1,4 +1,4 @@
-"""The formats that recorders write. A new one is a module with a record `Format`, and two lines here."""
+"""The formats that recorders write. A new one is a module with records `Format`, and two lines here."""
 
 from bayestissue.dataset.formats import (
     biopac,
@@ -16,15 +16,14 @@ from bayestissue.dataset.formats.channel import (
     unit_in_name,
 )
 
-FORMATS: dict[str, Format] = {
-    form.suffix: form
-    for form in (
-        *labview.FORMATS,
-        mat.FORMAT,
-        c3d.FORMAT,
-        biopac.FORMAT,
-        *hdf5.FORMATS,
-    )
-}
+# In the order in which the manual shows them.
+EACH = (
+    *labview.FORMATS,
+    *mat.FORMATS,
+    *c3d.FORMATS,
+    *biopac.FORMATS,
+    *hdf5.FORMATS,
+)
+FORMATS: dict[str, Format] = {suffix: form for form in EACH for suffix in form.suffixes}
 
-__all__ = ["FORMATS", "Channel", "Contents", "Format", "UnfitError", "even_clock", "unit_in_name"]
+__all__ = ["EACH", "FORMATS", "Channel", "Contents", "Format", "UnfitError", "even_clock", "unit_in_name"]

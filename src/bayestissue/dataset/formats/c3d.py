@@ -1,16 +1,16 @@
 """C3D files of motion laboratories: analog channels (force plates, accelerometers), else markers.
 
-The file is taken apart here rather than by a library in compiled code: such code trusts the sizes that a file
-states, and a damaged file can end the whole program. Source: The C3D File Format User Guide, Motion Lab
-Systems (header, parameter section, and "Analog data" for the scales).
+The file is taken apart here. Libraries in compiled code trust the sizes that a file states, and a damaged
+one can end the whole program; c3d 0.6, in Python, refuses files whose header and parameters differ in the
+last digit of a rate, and reads frames one by one. Source: The C3D File Format User Guide, Motion Lab Systems
+(header, parameter section, and "Analog data" for the scales).
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,6 @@ from bayestissue.dataset.formats.channel import Channel, Contents, Format, Unfit
 BLOCK, KEY, COORDINATES = 512, 0x50, 4
 _ORDERS = {84: "<", 86: ">"}
 _TYPES = {-1: "S1", 1: "i1", 2: "i2", 4: "f4"}
-
-type Parameters = dict[tuple[str, str], Any]
 
 
 class _Header(NamedTuple):
@@ -39,6 +37,27 @@ class _Header(NamedTuple):
     rate: float
 
 
+class _Parameters(dict[tuple[str, str], np.ndarray]):
+    """The arrays of the parameter section, by their group and name."""
+
+    def numbers(self, group: str, name: str, count: int, otherwise: float) -> np.ndarray:
+        """The first ``count`` numbers; ``otherwise`` where there are not so many."""
+        value = self.get((group, name), np.empty(0))
+        if value.dtype.kind not in "if" or value.size < count:
+            return np.full(count, otherwise)
+        return np.ravel(value)[:count].astype(np.float64)
+
+    def texts(self, group: str, name: str, count: int) -> list[str]:
+        """The texts, one a channel; beyond 255 they go on under the name with a 2, a 3 ..."""
+        texts = []
+        for part in (name, *(f"{name}{number}" for number in range(2, 10))):
+            value = self.get((group, part), np.empty(0))
+            if value.dtype.kind == "S" and value.ndim and value.size:
+                rows = value.reshape(-1, value.shape[-1])
+                texts += [row.tobytes().decode("utf-8", "replace").strip(" \0") for row in rows]
+        return [*texts, *[""] * count][:count]
+
+
 def read(data: bytes, label: str) -> Contents:
     """The analog channels by their label, in the units that ``ANALOG:UNITS`` gives.
 
@@ -53,17 +72,19 @@ def read(data: bytes, label: str) -> Contents:
     """
     if data[1] != KEY:
         raise ValueError("no C3D file: its second byte is not 0x50")
-    order, parameters = _parameters(data)
-    header = _header(data, order)
-    count = header.analog // header.samples if header.samples else 0
+    order, stated = _parameters(data)
+    header = _Header._make(struct.unpack_from(f"{order}HHHHHfHHf", data, 2))
+    samples = header.samples if header.samples and not header.analog % header.samples else 0
+    count = header.analog // samples if samples else 0
     if not count and not header.points:
         raise UnfitError(
             "analog channels, or markers",
             "Export the recording with its analog data: the accelerometer's, or a force plate's.",
             "neither",
         )
-    frames = _frames(header, parameters)
-    stored = np.dtype(f"{order}f4" if header.scale < 0 else f"{order}{_integer(parameters)}")
+    frames = _frames(header, stated)
+    unsigned = "".join(stated.texts("ANALOG", "FORMAT", 1)).upper().startswith("UNSIGNED")
+    stored = np.dtype(f"{order}{'f4' if header.scale < 0 else 'u2' if unsigned else 'i2'}")
     words = COORDINATES * header.points + header.analog
     # Held once as they are stored, and once as numbers of 8 bytes.
     require_small(8.0 * frames * (header.analog or 3 * header.points), label)
@@ -71,18 +92,26 @@ def read(data: bytes, label: str) -> Contents:
     if begin < BLOCK or begin + frames * words * stored.itemsize > len(data):
         raise UnfitError.cut_off(f"{frames} frames, as its header states")
     table = np.frombuffer(data, stored, frames * words, begin).reshape(frames, words)
+    points, analog = np.split(table, [COORDINATES * header.points], axis=1)
     if not count:
-        return Contents(_markers(table, parameters, header))
-    raw = table[:, COORDINATES * header.points :].reshape(frames * header.samples, count)
-    return Contents(_channels(raw, parameters, header))
+        return Contents(_markers(points, stated, header))
+    raw = analog.reshape(frames * samples, count).astype(np.float64)
+    offsets = stated.numbers("ANALOG", "OFFSET", count, 0.0)
+    offsets = np.where(unsigned & (offsets < 0), offsets + 2.0**16, offsets)
+    scales = stated.numbers("ANALOG", "SCALE", count, 1.0) * stated.numbers("ANALOG", "GEN_SCALE", 1, 1.0)
+    (rate,) = stated.numbers("ANALOG", "RATE", 1, header.rate * samples).tolist()
+    clock = clock_of(rate, len(raw))
+    labels, units = (stated.texts("ANALOG", name, count) for name in ("LABELS", "UNITS"))
+    columns = zip(unique(labels, "analog"), ((raw - offsets) * scales).T, units, strict=True)
+    return Contents({name: Channel(column, clock, unit) for name, column, unit in columns})
 
 
-def _markers(table: np.ndarray, parameters: Parameters, header: _Header) -> dict[str, Channel]:
+def _markers(table: np.ndarray, stated: _Parameters, header: _Header) -> dict[str, Channel]:
     """Each coordinate of each marker; no number where the cameras did not see it."""
     count = header.points
-    (rate,) = _numbers(parameters, "RATE", 1, header.rate, "POINT").tolist()
+    (rate,) = stated.numbers("POINT", "RATE", 1, header.rate).tolist()
     clock = clock_of(rate, len(table))
-    labels, (unit,) = _texts(parameters, "LABELS", count, "POINT"), _texts(parameters, "UNITS", 1, "POINT")
+    labels, (unit,) = stated.texts("POINT", "LABELS", count), stated.texts("POINT", "UNITS", 1)
     points = table.reshape(len(table), count, COORDINATES).astype(np.float64)
     # Programs write a gap as a residual below 0, or as the origin, where no marker is to the last digit.
     visible = (points[..., -1:] >= 0) & (points[..., :3] != 0).any(axis=-1, keepdims=True)
@@ -94,40 +123,19 @@ def _markers(table: np.ndarray, parameters: Parameters, header: _Header) -> dict
     }
 
 
-def _channels(raw: np.ndarray, parameters: Parameters, header: _Header) -> dict[str, Channel]:
-    count = raw.shape[1]
-    scales = _numbers(parameters, "SCALE", count, 1.0) * _numbers(parameters, "GEN_SCALE", 1, 1.0)
-    offsets = _numbers(parameters, "OFFSET", count, 0.0)
-    if _integer(parameters) == "u2":
-        offsets = np.where(offsets < 0, offsets + 2.0**16, offsets)
-    (rate,) = _numbers(parameters, "RATE", 1, header.rate * header.samples).tolist()
-    clock = clock_of(rate, len(raw))
-    labels, units = (_texts(parameters, name, count) for name in ("LABELS", "UNITS"))
-    values = (raw.astype(np.float64) - offsets) * scales
-    return {
-        name: Channel(column, clock, unit)
-        for name, column, unit in zip(unique(labels, "analog"), values.T, units, strict=True)
-    }
-
-
-def _header(data: bytes, order: str) -> _Header:
-    header = _Header._make(struct.unpack_from(f"{order}HHHHHfHHf", data, 2))
-    return header._replace(samples=0) if header.samples and header.analog % header.samples else header
-
-
-def _frames(header: _Header, parameters: Parameters) -> int:
+def _frames(header: _Header, stated: _Parameters) -> int:
     """How many there are: the header's two bytes end at 65535, and longer files say more elsewhere."""
-    ends = [parameters.get(("TRIAL", f"ACTUAL_{end}_FIELD")) for end in ("START", "END")]
-    if all(isinstance(end, np.ndarray) and end.size == 2 for end in ends):
-        first, last = (int(end[0]) % 2**16 + 2**16 * (int(end[1]) % 2**16) for end in ends if end is not None)
-    else:
-        first, last = header.first, header.last
+    first, last = header.first, header.last
+    ends = [stated.get(("TRIAL", f"ACTUAL_{end}_FIELD"), np.empty(0)) for end in ("START", "END")]
+    if all(end.size == 2 for end in ends):
+        first, last = (int(end[0]) % 2**16 + 2**16 * (int(end[1]) % 2**16) for end in ends)
     if last < first:
         raise ValueError("a last frame before the first")
     return last - first + 1
 
 
-def _parameters(data: bytes) -> tuple[str, Parameters]:
+def _parameters(data: bytes) -> tuple[str, _Parameters]:
+    """The order of bytes, and the parameters."""
     at = BLOCK * (data[0] - 1)
     if data[0] < 1 or data[at + 3] not in _ORDERS:
         raise UnfitError(
@@ -135,61 +143,38 @@ def _parameters(data: bytes) -> tuple[str, Parameters]:
             "Convert the file: any recent program writes it anew in Intel format.",
             "one of a DEC computer" if data[at + 3] == 85 else "another kind of file",
         )
-    order, end = _ORDERS[data[at + 3]], at + BLOCK * data[at + 2]
+    order, end = _ORDERS[data[at + 3]], min(at + BLOCK * data[at + 2], len(data))
     groups: dict[int, str] = {}
-    parameters: dict[tuple[int, str], Any] = {}
+    values: dict[tuple[int, str], np.ndarray] = {}
     at += 4
-    while at < min(end, len(data)):
+    while at < end:
         length, group = struct.unpack_from("bb", data, at)
         if not length:
             break
-        name = data[at + 2 : at + 2 + abs(length)].decode("latin-1").upper()
         step_at = at + 2 + abs(length)
+        name = data[at + 2 : step_at].decode("latin-1").upper()
         (step,) = struct.unpack_from(f"{order}h", data, step_at)
         if group < 0:
             groups[-group] = name
         else:
-            parameters[group, name] = _value(data, step_at + 2, order)
+            kind, dimensions = struct.unpack_from("bB", data, step_at + 2)
+            shape = tuple(data[step_at + 4 : step_at + 4 + dimensions])
+            # An unknown type is a KeyError: the file is damaged.
+            stored, begin = f"{order}{_TYPES[kind]}", step_at + 4 + dimensions
+            values[group, name] = np.frombuffer(data, stored, math.prod(shape), begin).reshape(shape[::-1])
         if step <= 0:
             break
         at = step_at + step
-    return order, {(groups.get(group, ""), name): value for (group, name), value in parameters.items()}
+    return order, _Parameters({(groups.get(group, ""), name): v for (group, name), v in values.items()})
 
 
-def _value(data: bytes, at: int, order: str) -> np.ndarray:
-    kind, dimensions = struct.unpack_from("bB", data, at)
-    if kind not in _TYPES:
-        raise ValueError(f"a parameter of unknown type {kind}")
-    shape = tuple(data[at + 2 : at + 2 + dimensions])
-    values = np.frombuffer(data, f"{order}{_TYPES[kind]}", math.prod(shape), at + 2 + dimensions)
-    return values.reshape(shape[::-1])
-
-
-def _integer(parameters: Parameters) -> str:
-    said = "".join(_strings(parameters.get(("ANALOG", "FORMAT"))))
-    return "u2" if said.upper().startswith("UNSIGNED") else "i2"
-
-
-def _numbers(
-    parameters: Parameters, name: str, count: int, otherwise: float, group: str = "ANALOG"
-) -> np.ndarray:
-    value = parameters.get((group, name))
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "if" or value.size < count:
-        return np.full(count, otherwise)
-    return np.ravel(value)[:count].astype(np.float64)
-
-
-def _texts(parameters: Parameters, name: str, count: int, group: str = "ANALOG") -> list[str]:
-    """The texts of a parameter, one a channel; beyond 255 they go on under the name with a 2, a 3 ..."""
-    parts = [name, *(f"{name}{number}" for number in range(2, 10))]
-    texts = [text for part in parts for text in _strings(parameters.get((group, part)))]
-    return [*texts, *[""] * count][:count]
-
-
-def _strings(value: np.ndarray | None) -> Iterator[str]:
-    if isinstance(value, np.ndarray) and value.dtype.kind == "S" and value.ndim and value.size:
-        for row in value.reshape(-1, value.shape[-1]):
-            yield row.tobytes().decode("utf-8", "replace").strip(" \0")
-
-
-FORMAT = Format("C3D", ".c3d", read)
+FORMATS = (
+    Format(
+        "C3D, motion capture",
+        (".c3d",),
+        read,
+        time="from 0 s at the rate `ANALOG:RATE`",
+        value="the analog channel `value_column`, scaled as the file says; of a file without any, the "
+        "coordinate of a marker, such as `HAMR.z`, in `POINT:UNITS` at `POINT:RATE`",
+    ),
+)

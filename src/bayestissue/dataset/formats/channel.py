@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -25,12 +25,14 @@ class Channel:
         clock: the recorder's time of each sample in s, where the format carries one.
         unit: as the file writes it; empty where it states none.
         rows: of each sample the row in the file; None where each has the row behind the one before.
+        text: what stood in cells that held no number, by the index of the sample.
     """
 
     values: Float64[np.ndarray, " sample"]
     clock: Float64[np.ndarray, " sample"] | None = None
     unit: str = ""
     rows: Int[np.ndarray, " sample"] | None = None
+    text: dict[int, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -56,15 +58,19 @@ class Format:
 
     Attributes:
         name: as its users call it.
-        suffix: how its files' names end, in small letters.
+        suffixes: how its files' names end, in small letters.
         read: from the bytes of a file, and what to call it in a message, to its contents. It may raise
             `UnfitError`, and on damaged bytes anything at all.
+        time: what its times are, for the manual,
+        value: and its values.
         share: of the bytes that a file may have, for what takes many times its size once it is taken apart.
     """
 
     name: str
-    suffix: str
+    suffixes: tuple[str, ...]
     read: Callable[[bytes, str], Contents]
+    time: str = ""
+    value: str = ""
     share: float = 1.0
 
 

@@ -6,8 +6,6 @@ import io
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from bayestissue.dataset.files import require_small
 from bayestissue.dataset.formats.channel import Contents, Format, of_arrays
 
@@ -17,12 +15,12 @@ if TYPE_CHECKING:
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
-def read(data: bytes, label: str) -> Contents:
+def read(data: bytes, label: str, *, of_matlab: bool = False) -> Contents:
     """A channel for every numeric vector, and for every column of a table [sample, channel].
 
     A vector is called by its path within the file, ``trial1/acceleration``, a column by the table's and its
     number from 1 on, ``trial1/force:3`` (see `columns`). The unit is the attribute ``units`` or ``unit`` of
-    the dataset.
+    the dataset. ``of_matlab``, of version 7.3, fields are called ``test.daq.acc``, as in MATLAB.
 
     Raises:
         InputError: the datasets are too large once they are unpacked.
@@ -31,35 +29,22 @@ def read(data: bytes, label: str) -> Contents:
     import h5py
 
     with h5py.File(io.BytesIO(data), "r") as file:
-        numeric = {name: item for name, item in _datasets(file) if item.dtype.kind in "fiu" and item.size}
-        require_small(sum(8 * item.size for item in numeric.values()), label)
-        return of_arrays((name, np.asarray(item), _unit(item)) for name, item in numeric.items())
-
-
-def variables(data: bytes, label: str) -> dict[str, np.ndarray]:
-    """The numeric arrays of a MATLAB 7.3 file that are not empty, by name, fields as ``test.daq.acc``.
-
-    Args:
-        data: the whole file.
-        label: what to call it in a message.
-
-    Raises:
-        InputError: its variables are too large once they are unpacked.
-        OSError: the file is damaged.
-    """
-    import h5py
-
-    with h5py.File(io.BytesIO(data), "r") as file:
-        items = {
+        numeric = {
             name: item
             for name, item in _datasets(file)
-            # Of an empty array the file keeps the shape in place of the numbers, and cells in a folder.
-            if item.dtype.kind in "fiu" and item.size and not item.attrs.get("MATLAB_empty", 0)
-            if item.attrs.get("MATLAB_class", b"double") != b"char" and not name.startswith("#")
+            if item.dtype.kind in "fiu" and item.size and not (of_matlab and _is_other(name, item))
         }
-        require_small(sum(8 * item.size for item in items.values()), label)
-        # MATLAB counts the dimensions from the other end.
-        return {name.replace("/", "."): np.asarray(item).T for name, item in items.items()}
+        require_small(8.0 * sum(item.size for item in numeric.values()), label)
+        if of_matlab:
+            # MATLAB counts the dimensions from the other end.
+            return of_arrays((name.replace("/", "."), item[()].T, "") for name, item in numeric.items())
+        return of_arrays((name, item[()], _unit(item)) for name, item in numeric.items())
+
+
+def _is_other(name: str, item: h5py.Dataset) -> bool:
+    """Whether a dataset of MATLAB is no array of numbers: it keeps the shape of an empty one."""
+    is_text = item.attrs.get("MATLAB_class", b"double") == b"char"
+    return is_text or bool(item.attrs.get("MATLAB_empty", 0)) or name.startswith("#")
 
 
 def _datasets(file: h5py.File) -> Iterator[tuple[str, Any]]:
@@ -92,4 +77,13 @@ def _unit(item: h5py.Dataset) -> str:
     return unit if isinstance(unit, str) else ""
 
 
-FORMATS = tuple(Format("HDF5", suffix, read) for suffix in (".h5", ".hdf5"))
+FORMATS = (
+    Format(
+        "HDF5",
+        (".h5", ".hdf5"),
+        read,
+        time="the vector `time_column`",
+        value="the vector `value_column` by its path (`drop1/acceleration`); a column of a table by its "
+        "number from 1 (`drop1/raw:2`)",
+    ),
+)

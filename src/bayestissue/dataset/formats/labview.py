@@ -7,32 +7,30 @@ import logging
 import re
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from itertools import chain, pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 from jaxtyping import Float64
 
+from bayestissue.dataset import clock_times
 from bayestissue.dataset.files import require_small
 from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
 
 SUFFIX = ".lvm"
 # As many bytes as show whether a text is LabVIEW's: it begins with its name, and a header has an end.
 HEADER = 1 << 14
-_MEASUREMENT, _END = b"LabVIEW Measurement", b"***End_of_Header***"
-# Where a file's header begins; where that of a block does, with its notes; the line above the numbers; and
-# lines of empty cells.
-_FILE = re.compile(r"^LabVIEW Measurement", re.MULTILINE)
-_CHANNELS = re.compile(r"(?:^[A-Za-z].*\n)*^Channels\b", re.MULTILINE)
-_NAMES = re.compile(r"^X_Value.*\n?", re.MULTILINE)
-_DAY_S = 86_400.0
-_EMPTY = re.compile(r"(?:^[\t,;]?\r?\n)+", re.MULTILINE)
+_MEASUREMENT, _END, _CHANNELS = "LabVIEW Measurement", b"***End_of_Header***", "Channels"
+# Lines between the pieces of a block.
+_EMPTY = ("", "\t", ",", ";")
 
 
 def is_measurement(begin: bytes) -> bool:
     """Whether a file that begins so is a LabVIEW measurement with its header."""
-    return begin.removeprefix(BOM_UTF8).startswith(_MEASUREMENT)
+    return begin.removeprefix(BOM_UTF8).startswith(_MEASUREMENT.encode())
 
 
 def is_headerless(begin: bytes) -> bool:
@@ -63,136 +61,184 @@ def _recordings(data: bytes) -> tuple[Contents, ...]:
         # LabVIEW writes names and units in the code page of its machine; the numbers are plain.
         text = data.decode("latin-1")
     recordings: list[list[Contents]] = []
-    for piece in chain.from_iterable(map(_pieces, _blocks(text.removeprefix("\ufeff")))):
-        if not recordings or not _goes_on(recordings[-1][-1], piece):
-            recordings.append([])
-        recordings[-1].append(piece)
+    for block in _blocks(text.removeprefix("\ufeff")):
+        for piece in block.contents():
+            if not recordings or not _goes_on(recordings[-1][-1], piece):
+                recordings.append([])
+            recordings[-1].append(piece)
     return tuple(map(_joined, recordings))
 
 
-class _Block(NamedTuple):
-    """A block of data as text.
-
-    Attributes:
-        text: the file's header, that of the block, and rows of numbers.
-        first_row: the first of these in the file.
-        has_header: whether its own header stands above it, and not that of the block before.
-    """
-
-    text: str
-    first_row: int
-    has_header: bool
-
-
-def _blocks(text: str) -> Iterator[_Block]:
-    """Every block of data, under the headers that hold for it.
+def _blocks(text: str) -> list[_Block]:
+    """Every block of data, with the headers that hold for it.
 
     Raises:
         UnfitError: there are no numbers below a header, as where a file was cut short.
     """
-    row, counted = 1, 0
-    for begin, end in _from_each(_FILE, text, 0, len(text)):
-        header_end = text.find(_END.decode(), begin, end)
-        parts = list(_from_each(_CHANNELS, text, max(header_end, begin), end))
-        header = _EMPTY.sub("", text[begin : parts[0][0] if parts else end])
-        for start, stop in parts or [(end, end)]:
-            names = _NAMES.search(text, start, stop)
-            numbers = [] if names is None else list(_between_empty(text, names.end(), stop))
-            if names is None or not numbers:
-                where = f"none below the header that ends in row {row + text.count('\n', counted, stop)}"
-                raise UnfitError("numbers below every header", "Copy or export the recording anew.", where)
-            for first, last in numbers:
-                row, counted = row + text.count("\n", counted, first), first
-                above = text[start : names.end()]
-                yield _Block(f"{header}\n{above}{text[first:last]}", row, first == numbers[0][0])
+    blocks: list[_Block] = []
+    for row, line in enumerate(text.replace("\r", "").split("\n"), 1):
+        if line.startswith(_MEASUREMENT):
+            blocks.append(_Block({}))
+        elif blocks and blocks[-1].stated and line.split(blocks[-1].separator)[0] == _CHANNELS:
+            blocks[-1].leave_notes()
+            blocks.append(_Block(blocks[-1].header, blocks[-1].separator))
+        if blocks:
+            blocks[-1].take(line, row)
+    for block in blocks:
+        block.pieces = [piece for piece in block.pieces if piece[1]]
+        if not block.pieces:
+            where = f"none below the header that ends in row {block.row}"
+            raise UnfitError("numbers below every header", "Copy or export the recording anew.", where)
+    return blocks
 
 
-def _from_each(mark: re.Pattern[str], text: str, begin: int, end: int) -> Iterator[tuple[int, int]]:
-    """The stretches from each line with a mark to the next."""
-    return pairwise([*(match.start() for match in mark.finditer(text, begin, end)), end])
+@dataclass
+class _Block:
+    """A block of data.
+
+    Attributes:
+        header: what the file's own says.
+        separator: between cells.
+        stated: what the block's says: of each key the cells, one a channel.
+        names: of the columns.
+        pieces: the lines of numbers between empty ones, each with the row of the first.
+        row: of the last line.
+    """
+
+    header: dict[str, str]
+    separator: str = "\t"
+    stated: dict[str, list[str]] = field(default_factory=dict)
+    names: list[str] = field(default_factory=list)
+    pieces: list[tuple[int, list[str]]] = field(default_factory=list)
+    row: int = 1
+
+    def take(self, line: str, row: int) -> None:
+        """The next line, in a row of the file."""
+        self.row = row
+        if self.names:
+            if line in _EMPTY:
+                self.pieces.append((row + 1, []))
+            else:
+                self.pieces[-1][1].append(line)
+            return
+        if line.startswith("Separator") and not self.stated:
+            self.separator = line.strip()[len("Separator")]
+        key, *cells = line.split(self.separator)
+        if key == "X_Value" and self.stated:
+            self.names, self.pieces = line.split(self.separator)[self.columns], [(row + 1, [])]
+        elif self.stated or key == _CHANNELS:
+            self.stated[key] = cells
+        elif len(cells) == 1:
+            self.header[key] = cells[0]
+
+    def leave_notes(self) -> None:
+        """Take away the lines of words above the next header."""
+        lines = self.pieces[-1][1] if self.pieces else []
+        while lines and lines[-1][:1].isalpha():
+            lines.pop()
+
+    @property
+    def columns(self) -> slice:
+        """Which cells of a line are of channels."""
+        stated = self.stated[_CHANNELS]
+        return slice(self.header.get("X_Columns") == "No", max(len(stated), int(stated[0])) + 1)
+
+    def number(self, key: str, channel: int, otherwise: float | None = None) -> float | None:
+        """What the header states of a channel; ``otherwise`` where it says nothing."""
+        cell = self.text(key, channel)
+        return float(cell.replace(self.decimal, ".")) if cell else otherwise
+
+    def text(self, key: str, channel: int) -> str:
+        """What the header states of a channel, as it stands there."""
+        cells = self.stated.get(key, [])
+        return cells[channel] if channel < len(cells) else ""
+
+    @cached_property
+    def decimal(self) -> str:
+        """The decimal mark: as the file states it, else a comma where numbers have no other."""
+        if self.separator == "," or "Decimal_Separator" in self.header:
+            return self.header.get("Decimal_Separator") or "."
+        text = "\n".join(chain.from_iterable(lines for _, lines in self.pieces))
+        return "," if re.search(r"\d,\d", text) and not re.search(r"\d\.\d", text) else "."
+
+    def samples(self, lines: Sequence[str]) -> Float64[np.ndarray, "row column"]:
+        """The cells of lines as numbers, nan where one holds none or is missing."""
+        rows = [line.replace(self.decimal, ".").split(self.separator)[self.columns] for line in lines]
+        width = len(self.names)
+        return np.array([[*map(_number, cells[:width]), *[np.nan] * (width - len(cells))] for cells in rows])
+
+    def contents(self) -> Iterator[Contents]:
+        """The channels of each piece, and of each piece of one whose ``X_Value`` begins again."""
+        if unit := {*self.stated.get("X_Dimension", [])} - {"Time", ""}:
+            raise UnfitError("time along X", "Export the signal over time.", ", ".join(sorted(unit)))
+        stated = [int(float(cell)) for cell in self.stated.get("Samples", []) if cell]
+        greatest, has_times = max(stated, default=0), "X_Value" in self.names
+        for first_row, lines in self.pieces:
+            if first_row != self.pieces[0][0] and not has_times:
+                expected = "a header, or times in a column X_Value, of every piece"
+                where = f"neither of the one from row {first_row} on"
+                raise UnfitError(
+                    expected, "Export with one header for each segment, or with an X column.", where
+                )
+            samples = self.samples(lines)
+            begins = self._begins_again(samples) if len(samples) > greatest > 0 else []
+            for first, last in pairwise([0, *begins, len(samples)]):
+                rows = last - first
+                # The one header may be that of the first of many pieces, over all of which X_Value goes on.
+                several = rows > greatest > 0 and has_times
+                if stated and rows != greatest and (not several or (begins and rows % greatest)):
+                    raise UnfitError(
+                        "as many rows as the header's greatest Samples",
+                        "Export the recording anew.",
+                        f"{rows} rows where {greatest} are stated",
+                    )
+                yield self._channels(samples[first:last], [] if several else stated, first_row + first)
+
+    def _begins_again(self, samples: np.ndarray) -> list[int]:
+        """The rows in which a column ``X_Value`` begins again."""
+        clocks = samples[:, [name == "X_Value" for name in self.names]]
+        return (np.flatnonzero((np.diff(clocks, axis=0) <= 0).any(axis=1)) + 1).tolist()
+
+    def _channels(
+        self, samples: Float64[np.ndarray, "row column"], stated: list[int], first_row: int
+    ) -> Contents:
+        """The channels of rows of numbers; ``stated`` is how many samples each has, if its header says so."""
+        channels: dict[str, Channel] = {}
+        x, of_x = None, None
+        measured = 0
+        for column, name in enumerate(self.names):
+            if name == "Comment" and 0 < column == len(self.names) - 1:
+                break
+            start, step = self.number("X0", measured, 0.0), self.number("Delta_X", measured)
+            late = self._behind_first(measured, start)
+            if name == "X_Value":
+                x, of_x = samples[:, column], (start, step, late)
+                continue
+            count = stated[measured] if measured < len(stated) else len(samples)
+            if np.isfinite(samples[count:, column]).any():
+                expected = f"empty cells behind the {count} Samples of channel {name}"
+                raise UnfitError(expected, "Export the recording anew.", "numbers behind them")
+            # One column X_Value is the clock of channels that begin and go on as the one beside it does.
+            has_times = x is not None and of_x == (start, step, late) and np.isfinite(x[:count]).any()
+            clock = x[:count] if x is not None and has_times else even_clock(step, start, count)
+            clock = clock + late if clock is not None and late else clock
+            channels[name] = Channel(samples[:count, column], clock, self.text("Y_Unit_Label", measured))
+            measured += 1
+        return Contents(channels, first_row)
+
+    def _behind_first(self, channel: int, start: float | None) -> float:
+        """By what a channel's ``Time`` is behind the first one's, s; 0 where X counts from a day long ago."""
+        times = clock_times.seconds(pa.array([self.text("Time", number) for number in (0, channel)]))
+        if times is None or start is None or start > clock_times.DAY_S or not np.isfinite(times[0]).all():
+            return 0.0
+        return clock_times.within_a_day(float(times[0][1]))
 
 
-def _between_empty(text: str, begin: int, end: int) -> Iterator[tuple[int, int]]:
-    """The stretches between empty lines."""
-    gaps = [(gap.start(), gap.end()) for gap in _EMPTY.finditer(text, begin, end)]
-    for (_, first), (last, _) in pairwise([(begin, begin), *gaps, (end, end)]):
-        if first < last:
-            yield first, last
-
-
-def _pieces(block: _Block) -> Iterator[Contents]:
-    """The channels of a block; of each piece of one whose ``X_Value`` begins again."""
-    import lvm_read
-
-    content: dict[Any, Any] = lvm_read.read_str(_with_decimal_mark(block.text))
-    segment = content[0]
-    samples, names = segment["data"], segment["Channel names"]
-    if not block.has_header and "X_Value" not in names:
-        expected = "a header, or times in a column X_Value, of every piece"
-        where = f"neither of the one from row {block.first_row} on"
-        raise UnfitError(expected, "Export with one header for each segment, or with an X column.", where)
-    if unit := set(segment.get("X_Dimension", [])) - {"Time", ""}:
-        raise UnfitError("time along X", "Export the signal over time.", ", ".join(sorted(unit)))
-    stated = [int(count) for count in segment.get("Samples", []) if count == count]
-    greatest = max(stated, default=0)
-    begins = _begins_again(samples, names) if len(samples) > greatest > 0 else []
-    bounds = [0, *begins, len(samples)]
-    for first, last in pairwise(bounds):
-        rows = last - first
-        # The one header may be that of the first of many pieces, over all of which X_Value goes on.
-        several = greatest > 0 and rows > greatest and "X_Value" in names
-        if stated and rows != greatest and (not several or (begins and rows % greatest)):
-            raise UnfitError(
-                "as many rows as the header's greatest Samples",
-                "Export the recording anew.",
-                f"{rows} rows where {greatest} are stated",
-            )
-        counts = [] if several else stated
-        yield _channels(segment, samples[first:last], counts, block.first_row + first)
-
-
-def _channels(
-    segment: dict[str, Any], samples: Float64[np.ndarray, "row column"], stated: list[int], first_row: int
-) -> Contents:
-    """The channels of rows of numbers; ``stated`` is how many samples each has, if its header says so."""
-    names = segment["Channel names"]
-    if len(names) > 1 and names[-1] == "Comment":
-        names = names[:-1]
-    channels: dict[str, Channel] = {}
-    x, of_x = None, None
-    measured = 0
-    for column, name in enumerate(names):
-        start, step = _stated(segment, "X0", measured, 0.0), _stated(segment, "Delta_X", measured, None)
-        late = _behind_first(segment, measured, start)
-        if name == "X_Value":
-            x, of_x = samples[:, column], (start, step, late)
-            continue
-        count = stated[measured] if measured < len(stated) else len(samples)
-        if np.isfinite(samples[count:, column]).any():
-            expected = f"empty cells behind the {count} Samples of channel {name}"
-            raise UnfitError(expected, "Export the recording anew.", "numbers behind them")
-        # One column X_Value is the clock of channels that begin and go on as the one beside it does.
-        has_times = x is not None and of_x == (start, step, late) and np.isfinite(x[:count]).any()
-        clock = x[:count] if x is not None and has_times else even_clock(step, start, count)
-        clock = clock + late if clock is not None and late else clock
-        unit = _stated(segment, "Y_Unit_Label", measured, "")
-        channels[name] = Channel(samples[:count, column], clock, unit if isinstance(unit, str) else "")
-        measured += 1
-    return Contents(channels, first_row)
-
-
-def _behind_first(segment: dict[str, Any], channel: int, start: object) -> float:
-    """By what a channel's ``Time`` is behind that of the first, s; 0 where X counts from a day long ago."""
-    begun, own = (_time_of_day(_stated(segment, "Time", number, "")) for number in (0, channel))
-    if begun is None or own is None or not isinstance(start, (int, float)) or start > _DAY_S:
-        return 0.0
-    # Of two days, of which one began between.
-    return (own - begun + _DAY_S / 2) % _DAY_S - _DAY_S / 2
-
-
-def _time_of_day(cell: object) -> float | None:
-    parts = re.fullmatch(r"(\d+):(\d+):(\d+(?:[.,]\d*)?)", str(cell).strip())
-    return 3600 * int(parts[1]) + 60 * int(parts[2]) + float(parts[3].replace(",", ".")) if parts else None
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return np.nan
 
 
 def _goes_on(before: Contents, after: Contents) -> bool:
@@ -226,28 +272,6 @@ def _joined(pieces: Sequence[Contents]) -> Contents:
         rows = np.concatenate([row + np.arange(part.values.size) for row, part in parts])
         channels[name] = Channel(values, clock, first.unit, rows)
     return Contents(channels, pieces[0].first_row)
-
-
-def _with_decimal_mark(text: str) -> str:
-    """The text with an entry of its decimal mark, where it has none and numbers have commas."""
-    begin = text.find("X_Value")
-    header, numbers = text[:begin], text[begin:]
-    commas = re.search(r"\d,\d", numbers) and not re.search(r"\d\.\d", numbers)
-    if begin < 0 or not commas or re.search(r"^(Decimal_Separator|Separator,)", header, re.MULTILINE):
-        return text
-    first, end, following = text.partition("\n")
-    return f"{first}{end}Decimal_Separator\t,\n{following}"
-
-
-def _begins_again(samples: np.ndarray, names: list[str]) -> list[int]:
-    """The rows in which a column ``X_Value`` begins again."""
-    clocks = samples[:, [at for at, name in enumerate(names) if name == "X_Value"]]
-    return (np.flatnonzero((np.diff(clocks, axis=0) <= 0).any(axis=1)) + 1).tolist()
-
-
-def _stated(segment: dict[str, Any], key: str, channel: int, otherwise: Any) -> Any:
-    cells = segment.get(key, [])
-    return cells[channel] if channel < len(cells) else otherwise
 
 
 def read_tdms(data: bytes, label: str) -> Contents:
@@ -287,7 +311,22 @@ def read_tdms(data: bytes, label: str) -> Contents:
 
 
 FORMATS = (
-    # Lines that are taken apart one by one take many times their size.
-    Format("LabVIEW measurement", SUFFIX, read_lvm, share=0.1),
-    Format("NI TDMS", ".tdms", read_tdms),
+    Format(
+        "LabVIEW",
+        (SUFFIX,),
+        read_lvm,
+        time="the channel `time_column`, else `X_Value`, else `X0` and `Delta_X` in s, later by what its "
+        "`Time` is behind the first channel's",
+        value="the channel `value_column`",
+        # Lines that are taken apart one by one take many times their size.
+        share=0.1,
+    ),
+    Format(
+        "NI, DIAdem",
+        (".tdms",),
+        read_tdms,
+        time="the channel `time_column`, else `wf_start_offset` and `wf_increment` in s, later by what its "
+        "`wf_start_time` is behind the first channel's",
+        value="the channel `value_column`; `group/channel` if two groups have the name",
+    ),
 )

@@ -86,35 +86,10 @@ def estimate(
     options: SignalOptions | None = None,
     say: Say | None = None,
 ) -> pd.DataFrame:
-    """K and C of every impact by itself, with intervals and flags.
-
-    Args:
-        dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it, or its folder.
-        method: "impact" for the posterior of each impact under the likelihood of its own trace, the errors of
-            its measuring chain integrated out, and weak priors (those of ``models/impact.toml``, of
-            displacements ``models/arma.toml``, on the intercepts and the noise, and one of the damping
-            ratio). "dds" for points by the thesis's conditional least squares about the sample mean.
-        options: where contact is in the recordings, and which part of them is used.
-        say: told the stage, how much of it is done, and its total.
-
-    Returns:
-        One row per impact with the columns of `estimates.csv`: the ARMA(2,1) coefficients, omega_n, zeta,
-        K and C, and ``flags``, what is wrong with the impact, joined by "; "; last ``notes``, what is not
-        wrong with the impact but a property of the method or of how it was recorded (see
-        `bayestissue.inference.points.notes`). By "impact" K and C are posterior medians, with posterior
-        standard deviations and 90 % intervals; omega_n, zeta, phi1 and phi2 are those of an oscillator of
-        this K and C; ``pareto_k`` is of the importance weights. Of decelerations theta1 is that oscillator's
-        too, the noise is the recorder's, in ``noise_sd_m_s2``, and what the impact came to follows, see
-        `OUTCOME_COLUMNS`, the chain's errors in its intervals; of displacements theta1 and ``sigma_a`` are
-        posterior medians of the ARMA(2,1), which a position sensor's noise is not: intervals of C may miss.
-        K, or C, is empty and flagged where its interval spans more than a factor of 10: the interval is then
-        from 0 to an upper bound that holds with 95 %; and where nothing was found, which has no interval
-        either. Where that befalls most impacts of a trial its others are flagged too. Of displacements, whose
-        sound recordings often come to it, these are notes.
+    """The table of `bayestissue.estimate`, whose arguments these are.
 
     Raises:
-        InputError: the method or the recordings' times or limits ask for what can't be given, such as even
-            times.
+        InputError: as of that.
         ValueError: there is no such method.
     """
     if method not in ("impact", "dds"):

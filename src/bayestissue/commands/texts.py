@@ -1,4 +1,4 @@
-"""`bayestissue explain`: what a warning or an error means, what it does to K and C, and what to do."""
+"""Texts that come with the program: `bayestissue explain` of warnings and errors, `model` of model files."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import Annotated
 
 import typer
 
-from bayestissue.commands.options import Json
+from bayestissue.commands.delivery import Json
 from bayestissue.errors import InputError, Problem
 from bayestissue.remedies import Remedy, entries, retired
 
 
-def run(
+def explain(
     codes: Annotated[list[str] | None, typer.Argument(metavar="[CODE]...")] = None,
     as_json: Json = False,
 ) -> None:
@@ -83,3 +83,20 @@ def _unknown(code: str, known: Sequence[str]) -> Problem:
     near = difflib.get_close_matches(code, known, n=1)
     hint = f"Is it {near[0]}? " if near else ""
     return Problem.stated("option-value.code", "explain", value=code, hint=hint)
+
+
+def model(
+    name: Annotated[str, typer.Argument(metavar="NAME|FILE")],
+) -> None:
+    """Print a model file whole, every key with its meaning, to begin one of your own with.
+
+    `bayestissue model maxwell > mine.toml`. A file need only say how it differs from another: like =
+    "maxwell", and the keys that have other values. This prints what such a file comes to.
+
+    Args:
+        name: A model that comes with the program, such as impact or maxwell; or a file of your own.
+    """
+    from bayestissue.commands.console import echo
+    from bayestissue.resources import model_file, model_text
+
+    echo(model_text(model_file(name, lambda _: True)).rstrip())

@@ -1,0 +1,20 @@
+"""The formats of recordings, by the modules that read them."""
+
+from __future__ import annotations
+
+from bayestissue.dataset.formats import EACH
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
+from from_program.markdown import code, table
+
+
+def formats() -> str:
+    """Each format with the endings of its files, and where the times and the values are."""
+    texts = _endings((*TABLE_SUFFIXES, *TEXT_SUFFIXES))
+    texts += ", and any text that goes on in lines of numbers, such as `.mot` or `.trc`"
+    rows = [("tables", texts, "the column `time_column`", "the column `value_column`")]
+    rows += [(form.name, _endings(form.suffixes), form.time, form.value) for form in EACH]
+    return table(["from", "files", "time", "value"], rows)
+
+
+def _endings(suffixes: tuple[str, ...]) -> str:
+    return ", ".join(map(code, suffixes))

@@ -1,0 +1,166 @@
+"""Commands of a dataset: `bayestissue check`, `estimate` and `simulate`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from bayestissue.commands.delivery import Call, DatasetFolder, OtherSeed, delivers
+from bayestissue.errors import Problem, more
+from bayestissue.outline import counted
+from bayestissue.remedies import codes_in, entries
+from bayestissue.result import Result
+from bayestissue.words import Words
+
+if TYPE_CHECKING:
+    from bayestissue.checking import Check
+    from bayestissue.commands.console import Shown
+    from bayestissue.estimating import Estimates
+    from bayestissue.simulation import Campaign, Simulation
+
+
+def _of_check(checked: Check) -> Iterator[Shown]:
+    from bayestissue.commands.console import Grid, Heading
+    from bayestissue.report.recordings_pages import kinds
+
+    data, nouns = checked.dataset, Words(checked.dataset.words)
+    rows = (*checked.summary, *(("note", words) for words in checked.notes))
+    title = f"{data.name}: {checked.verdict}"
+    yield Grid(title, ("", ""), [(nouns(name), nouns(words)) for name, words in rows], words=("",))
+    for heading, problems in (("Left out", data.left_out), ("Warnings", checked.warnings)):
+        if problems:
+            yield Heading(f"{heading}:")
+        for first, *others in kinds(problems):
+            same = f" The same in {_names(others)}." if others else ""
+            yield f"  {first}{same} [{first.code}]"
+    codes = [problem.code for problem in (*data.left_out, *checked.warnings)]
+    yield more([*codes, *codes_in("; ".join(checked.notes))])
+
+
+def _names(problems: list[Problem]) -> str:
+    """The impacts, up to ten by name."""
+    from bayestissue.commands.console import SCREEN
+
+    names = list(dict.fromkeys(problem.impact for problem in problems if problem.impact))
+    named, further = names[: SCREEN.named], len(names) - SCREEN.named
+    others = f" and {further} more impacts" if further > 0 else ""
+    return f"{', '.join(named)}{others}" if names else f"{len(problems)} more places"
+
+
+@delivers("skip_bad", "as_json", out=None, inputs=("dataset",), shown=_of_check)
+def check(dataset: DatasetFolder, *, call: Call) -> Check:
+    """Say what is wrong with a dataset: file, row, column, value, what was expected, how to mend it.
+
+    Args:
+        out: Also write quality figures and a page with one panel per impact.
+    """
+    from bayestissue import checking
+    from bayestissue.dataset import read_dataset
+
+    return checking.check(read_dataset(dataset, skip_bad=call.skip_bad))
+
+
+def _of_estimates(estimates: Estimates) -> Iterator[Shown]:
+    from bayestissue.commands.console import Grid
+    from bayestissue.inference.points.notes import people_alone, said_once
+    from bayestissue.report.wording import estimated
+
+    left_out = estimates.dataset.left_out
+    flagged = int((estimates["flags"] != "").sum())
+    rows, people = [], people_alone(estimates)
+    for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
+        low, median, high = people[name].quantile([0.05, 0.5, 0.95])
+        rows.append((words, *estimated(median, low, high)))
+    which = "these impacts" if len(people) == len(estimates) else "people's impacts"
+    title = f"{estimates.dataset.name}: {counted(len(estimates), 'impact')}, {flagged} flagged"
+    yield Grid(title, (which, "median", "5 % below", "95 % below"), rows)
+    if estimates["K_N_per_m"].isna().all():
+        remedies = (entries()[code] for code in codes_in("; ".join(estimates["flags"])))
+        yield " ".join(["No impact has K.", *(f"{entry.title}: {entry.remedy}" for entry in remedies)])
+    yield from said_once(estimates["notes"])
+    if left_out:
+        count = len({problem.impact for problem in left_out})
+        yield f"{counted(count, 'impact')} left out: see left_out.csv"
+    texts = "; ".join([*estimates["flags"], *estimates["notes"]])
+    yield more([*codes_in(texts), *(problem.code for problem in left_out)])
+
+
+@delivers("scheduler", "skip_bad", "as_json", inputs=("dataset", "model"), shown=_of_estimates)
+def estimate(
+    dataset: DatasetFolder,
+    method: Literal["impact", "dds"] = "impact",
+    model: Annotated[str | None, typer.Option(metavar="NAME|FILE")] = None,
+    *,
+    call: Call,
+) -> Estimates:
+    """K and C of every impact by itself, with 90 % intervals; --method dds has the thesis's own points.
+
+    Args:
+        method: impact: the posterior of each impact given its own trace and its measuring chain. dds: the
+            thesis's conditional fit about the sample mean, without intervals.
+        model: A model, by name or as a file, as in fit; its [signal] table says where contact is in the
+            recordings, and which part of them is used.
+    """
+    from bayestissue import estimating
+    from bayestissue.dataset import read_dataset
+    from bayestissue.inference.execution.workers import on_cluster
+    from bayestissue.resources import model_file
+    from bayestissue.signal import SignalOptions, read_signal_options
+
+    file = None if model is None else model_file(model, lambda content: "signal" in content)
+    options = read_signal_options(file) if file else SignalOptions()
+    data = read_dataset(dataset, skip_bad=call.skip_bad)
+    call.patience_s = 30.0
+    with on_cluster(call.scheduler):
+        estimates = estimating.estimate(data, method=method, options=options, say=call.say)
+    estimates.file = file
+    return estimates
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulated(Result):
+    """A campaign that was simulated, and the specification that it was made of."""
+
+    campaign: Campaign
+    simulation: Simulation
+    specification: Path
+
+    def write(self, folder: Path) -> None:
+        """Write the dataset, its truth, and the specification with the seed that was used."""
+        from bayestissue.simulation import write_campaign
+
+        write_campaign(folder, self.campaign, self.simulation)
+        lines = self.specification.read_text(encoding="utf-8-sig").splitlines()
+        kept = [line for line in lines if line.split("=")[0].strip() != "seed"]
+        seed = f"seed = {self.simulation.seed}"
+        (folder / "truth.toml").write_text("\n".join([seed, *kept]) + "\n", encoding="utf-8")
+
+    def wrote(self, folder: Path) -> str:
+        """What was written, in a line."""
+        impacts = counted(len(self.campaign.impacts), "impact")
+        return f"wrote {folder}: {impacts}, {len(self.campaign.value)} samples, seed {self.simulation.seed}"
+
+
+@delivers(inputs=("specification",))
+def simulate(
+    specification: Annotated[Path, typer.Argument(metavar="SPEC.toml")],
+    seed: OtherSeed = None,
+    *,
+    call: Call,
+) -> Simulated:
+    """Make a dataset whose truth is known: a design, a tissue, a measuring chain, and truth.csv beside it.
+
+    Args:
+        specification: Design, tissue, measuring chain and seed.
+        seed: Instead of the one in SPEC.toml.
+    """
+    from bayestissue import simulation
+
+    stated = simulation.read_simulation(specification)
+    if seed is not None:
+        stated = stated.model_copy(update={"seed": seed})
+    return Simulated(simulation.simulate(stated), stated, specification)
