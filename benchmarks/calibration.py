@@ -95,8 +95,10 @@ def blank(kind: str, people: Mapping[str, Sequence[str]] = MappingProxyType({}),
     )
     person = pd.factorize(dataset.impacts["subject"])[0]
     columns = {name: np.resize(values, person.max() + 1)[person] for name, values in people.items()}
-    uncertainty = replace(dataset.uncertainty, **UNCERTAINTY.get(kind, {}))
-    dataset = replace(dataset, impacts=dataset.impacts.assign(**columns), uncertainty=uncertainty)
+    uncertainty = dataset.uncertainty.model_copy(update=UNCERTAINTY.get(kind, {}))
+    dataset = replace(dataset, impacts=dataset.impacts.assign(**columns)).with_settings(
+        uncertainty=uncertainty
+    )
     prepared = prepare(dataset, specification, source="the model file")
     start = np.zeros((len(prepared.impacts), SAMPLES))
     start[:, 1] = prepared.signal.velocity * prepared.signal.dt

@@ -9,14 +9,13 @@ standard error of 0.9 %. An impact without an interval counts as not held.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import evidence
 import numpy as np
 
 from bayestissue import runtime
-from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.dataset.settings import STANDARD_GRAVITY
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.signal.quality.inspection import KINDS
 from bayestissue.simulation import Simulation, simulate
@@ -43,7 +42,7 @@ def campaign(chain: dict[str, float], gravity: str, seed: int) -> Simulation:
 def line(made: Simulation, declared: float) -> dict[str, object]:
     """One row of the table."""
     result = simulate(made)
-    table = estimate(replace(result.dataset(made.name), gravity=declared), method="impact")
+    table = estimate(result.dataset(made.name).with_settings(gravity=declared), method="impact")
     row: dict[str, object] = {"impacts": len(table)}
     for letter, unit in (("K", "N_per_m"), ("C", "N_s_per_m")):
         true = result.truth[f"{letter}_{unit}"].to_numpy()

@@ -15,7 +15,6 @@ A number is of the studies to do in all; those that were done are not done again
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ import pandas as pd
 from scipy.stats import gmean
 from studies import Fitted, Interval, counted, ends, fitted, sides
 
-from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.settings import Uncertainty
 from bayestissue.inference.checking.force import judge_force
 from bayestissue.simulation import Simulation, simulate
 
@@ -88,8 +87,10 @@ def intervals(fit: Fitted, truth: pd.DataFrame, simulation: Simulation) -> Itera
 def row_of(number: int) -> dict[str, Any]:
     """What is kept of a study."""
     made = simulate(simulation := study(number))
-    declared = Uncertainty(MASS_SD, VELOCITY_SD, GAIN_SD, 0.0)
-    fit = fitted(replace(made.dataset(simulation.name), uncertainty=declared), number)
+    declared = Uncertainty(
+        relative_mass_sd=MASS_SD, velocity_sd_m_s=VELOCITY_SD, relative_gain_sd=GAIN_SD, offset_sd=0.0
+    )
+    fit = fitted(made.dataset(simulation.name).with_settings(uncertainty=declared), number)
     force = fit.prepared.force
     assert force is not None
     account = judge_force(force, "force", fit.posterior, fit.prepared.signal.mass)

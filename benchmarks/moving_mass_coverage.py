@@ -22,7 +22,7 @@ import pandas as pd
 from studies import Fitted, Interval, counted, ends, fitted, of_draws, sides
 
 import bayestissue as bt
-from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.settings import Uncertainty
 from bayestissue.inference.checking.added_mass import judge_added_mass
 from bayestissue.inference.quantities.draws import prior_draws
 from bayestissue.simulation import Campaign, Simulation, simulate
@@ -75,7 +75,11 @@ def recorded(made: Campaign, kind: str) -> bt.Dataset:
     dataset = made.dataset(kind)
     velocity_sd = VELOCITY * (HARDLY if kind == "neither" else VELOCITY_SD)
     impacts = dataset.impacts.assign(velocity_m_s=VELOCITY)
-    return replace(dataset, impacts=impacts, uncertainty=Uncertainty(0.002, velocity_sd, GAIN_SD, 0.0))
+    return replace(dataset, impacts=impacts).with_settings(
+        uncertainty=Uncertainty(
+            relative_mass_sd=0.002, velocity_sd_m_s=velocity_sd, relative_gain_sd=GAIN_SD, offset_sd=0.0
+        )
+    )
 
 
 def intervals(fit: Fitted, truth: pd.DataFrame, kind: str) -> Iterator[Interval]:

@@ -22,12 +22,12 @@ import pandas as pd
 from studies import Interval, counted, ends, fitted, sides
 
 import bayestissue as bt
-from bayestissue.dataset.chain import Uncertainty
 from bayestissue.dataset.impacts import REFERENCE
+from bayestissue.dataset.settings import Uncertainty
 from bayestissue.simulation import Simulation, simulate
 
 MASSES_KG, VELOCITY, OFF = (0.5, 1.0), 1.4, 1.06
-DECLARED = Uncertainty(0.05, 0.005, 0.05, 0.0)
+DECLARED = Uncertainty(relative_mass_sd=0.05, velocity_sd_m_s=0.005, relative_gain_sd=0.05, offset_sd=0.0)
 PHANTOM_K, PHANTOM_SD, PHANTOM_C = 2500.0, 25.0, 6.0
 COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 # Four kinds: a share of 90 % of the intervals of one is known to 7 %.

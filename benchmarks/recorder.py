@@ -83,9 +83,9 @@ def line(case: str, *, declared: bool, impacts: int = IMPACTS) -> dict[str, Any]
         data = _of_both(data, behind)
     if case.endswith(AS_ANALOG):
         assert data.recorder is not None
-        data = replace(data, recorder=replace(data.recorder, applied="analog"))
+        data = data.with_settings(recorder=data.recorder.model_copy(update={"applied": "analog"}))
     assert truth["time_to_peak_s"].between(0.004, 0.008).all()
-    data = data if declared else replace(data, recorder=None)
+    data = data if declared else data.with_settings(recorder=None)
     found = estimate(data)
     cells: dict[str, Any] = {"filter": case, "declared": declared, "impacts": len(truth)}
     for name, unit in (("K", "N_per_m"), ("C", "N_s_per_m")):
@@ -109,7 +109,9 @@ def _of_both(data: Dataset, behind: float) -> Dataset:
         )
         for each in data.traces
     ]
-    return replace(data, traces=traces, recorder=replace(data.recorder, noise=None))
+    return replace(data, traces=traces).with_settings(
+        recorder=data.recorder.model_copy(update={"noise": None})
+    )
 
 
 def sound(impacts: int) -> dict[str, Any]:

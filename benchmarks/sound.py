@@ -10,7 +10,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.dataset import Dataset, Trace
-from bayestissue.dataset.chain import Quantity, Uncertainty
+from bayestissue.dataset.settings import Quantity, Settings, SignalSettings
 from bayestissue.simulation.campaign import simulate
 from bayestissue.simulation.contact import leaves
 from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
@@ -171,15 +171,6 @@ def dataset(impacts: list[Impact], traces: list[Trace], quantity: Quantity = "de
             "velocity_m_s": [impact.velocity for impact in impacts],
         }
     )
-    return Dataset(
-        name="simulated",
-        description="",
-        impacts=table,
-        traces=traces,
-        quantity=quantity,
-        uncertainty=Uncertainty(),
-        warnings=(),
-        left_out=(),
-        folder=None,
-        input_hash="",
-    )
+    unit = "m" if quantity == "displacement" else "m/s^2"
+    settings = Settings(name="simulated", signal=SignalSettings(quantity=quantity, unit=unit))
+    return Dataset(settings, table, traces)

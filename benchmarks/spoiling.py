@@ -10,9 +10,9 @@ import pandas as pd
 from sound import FINE_HZ, Chain, Impact, chain, dataset
 
 from bayestissue.dataset import Dataset, Trace
-from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.recordings import Recordings, Samples
+from bayestissue.dataset.settings import Quantity
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.signal.quality import inspection
 

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayestissue.dataset.settings import Settings, content_of, parse_settings
+
 STIFFNESS, DAMPING, RATE, SAMPLES = 3000.0, 25.0, 10_000.0, 400
 
 
@@ -123,3 +125,9 @@ class Outcome:
     status: int
     out: str
     err: str
+
+
+def settings_of(**stated: Any) -> Settings:
+    """What ``dataset.toml`` says of recordings in SI units, by names of arguments."""
+    unit = "m" if stated["quantity"] == "displacement" else "m/s^2"
+    return parse_settings(content_of({"name": "made", "unit": unit, **stated}))

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset import Dataset, Trace, Uncertainty
+from bayestissue.dataset import Dataset, Trace
 from bayestissue.hierarchy.specification import Formulas, MassError, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.oscillator import impact_motion
+from dataset_bench import settings_of
 
 
 def prepared_study(
@@ -20,18 +19,8 @@ def prepared_study(
     time = np.arange(0, 0.05, 1e-3)
     x = impact_motion(time, np.full((len(impacts), 1), 60.0), 0.3, 1.5).displacement
     x = np.asarray(x) + 1e-5 * np.random.default_rng(0).normal(size=x.shape)
-    made = Dataset(
-        name="made",
-        description="",
-        impacts=impacts,
-        traces=[Trace(time, row) for row in x],
-        quantity="displacement",
-        uncertainty=Uncertainty(relative_mass_sd=relative_mass_sd),
-        warnings=(),
-        left_out=(),
-        folder=Path(),
-        input_hash="",
-    )
+    settings = settings_of(quantity="displacement", uncertainty={"relative_mass_sd": relative_mass_sd})
+    made = Dataset(settings, impacts, [Trace(time, row) for row in x])
     formulas = Formulas(K=formula, C=formula)
     specification = ModelSpecification(name="m", likelihood="a2", formula=formulas, mass_error=mass_error)
     return prepare(made, specification, source="m.toml")

@@ -340,7 +340,7 @@ def test_a_fit_of_drops_finds_the_tissue(model):
     true = campaign.truth["K_N_per_m"].to_numpy()
 
     def logs(gravity: float) -> np.ndarray:
-        dataset = replace(campaign.dataset(made.name), gravity=gravity)
+        dataset = campaign.dataset(made.name).with_settings(gravity=gravity)
         draws = bt.fit(dataset, model).posterior["posterior"]["K"]
         return np.log(draws.transpose("impact", ...).to_numpy().reshape(len(true), -1) / true[:, None])
 

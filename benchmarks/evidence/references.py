@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from functools import cache
 from html import unescape
 from pathlib import Path
@@ -162,7 +161,9 @@ def _moving_mass() -> Any:
 
 
 def _rough_masses(dataset: Any) -> Any:
-    return replace(dataset, uncertainty=replace(dataset.uncertainty, relative_mass_sd=0.05))
+    return dataset.with_settings(
+        uncertainty=dataset.uncertainty.model_copy(update={"relative_mass_sd": 0.05})
+    )
 
 
 def _of_channels(dataset: Callable[[], Any], model: str | None = None) -> pd.DataFrame:

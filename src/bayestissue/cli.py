@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Any, NoReturn
 
@@ -30,6 +31,7 @@ from bayestissue.commands import (
     selftest,
     texts,
 )
+from bayestissue.declarations import described
 from bayestissue.errors import InputError, PartialResultError, Problem, by_cause, more, printable
 
 # Of the process, and what each means.
@@ -56,6 +58,28 @@ class _Command(typer.core.TyperCommand):
                 _refuse_retired("option", gone)
             _refuse_retired("option", f"{self.name} {name} {value or following}")
         return super().parse_args(ctx, args)
+
+
+class _Init(_Command):
+    """`init`, whose options come from what dataset.toml may say, which is read when they are asked for."""
+
+    @cached_property
+    def _whole(self) -> Any:
+        made = typer.Typer(add_completion=False)
+        function, words = delivery.documented(init.with_options())
+        made.command(self.name, help=words)(function)
+        return typer.main.get_command(made)
+
+    @property
+    def params(self) -> Any:
+        return self._whole.params
+
+    @params.setter
+    def params(self, _: object) -> None:
+        """Those of a command without options."""
+
+    def invoke(self, ctx: Any) -> Any:
+        return self._whole.invoke(ctx)
 
 
 class _Commands(typer.core.TyperGroup):
@@ -94,6 +118,9 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     **{"selftest": selftest.selftest, "certify": finished_runs.certify},
 }
 for name, command in _COMMANDS.items():
+    if command is init.run:
+        app.command(name, cls=_Init, help=described(command.__doc__, "Args")[0])(lambda: None)
+        continue
     function, words = delivery.documented(command)
     app.command(name, cls=_Command, help=words)(function)
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 import re
 import string
+import textwrap
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import wraps
 from importlib.resources import files
 from numbers import Real
 from typing import Any
@@ -64,3 +66,36 @@ def described(doc: str | None, heading: str) -> tuple[str, dict[str, str]]:
     words, _, listed = inspect.cleandoc(doc or "").partition(f"\n\n{heading}:\n")
     entries = re.findall(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", listed, re.MULTILINE)
     return words, {name: " ".join(text.split()) for name, text in entries}
+
+
+def taking[**P, R](
+    arguments: Mapping[str, tuple[inspect.Parameter, str]],
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """What gives a function that ends in ``**stated`` these arguments, each with what it means.
+
+    They stand in its signature and, in the place of ``**stated:``, in its docstring. Another argument is a
+    TypeError.
+    """
+
+    def decorated(function: Callable[P, R]) -> Callable[P, R]:
+        signature = inspect.signature(function, eval_str=True)
+        *before, _ = signature.parameters.values()
+        parameters = [*before, *(one.replace(name=name) for name, (one, _) in arguments.items())]
+
+        @wraps(function)
+        def called(*args: P.args, **kwargs: P.kwargs) -> R:
+            checked.bind(*args, **kwargs)
+            return function(*args, **kwargs)
+
+        checked = signature.replace(parameters=sorted(parameters, key=lambda parameter: parameter.kind))
+        meanings = (
+            textwrap.fill(f"{name}: {meaning}", 106, initial_indent=" " * 4, subsequent_indent=" " * 8)
+            for name, (_, meaning) in arguments.items()
+        )
+        words, _, stated = inspect.cleandoc(function.__doc__ or "").partition("\n    **stated:")
+        _, gap, after = stated.partition("\n\n")
+        called.__doc__ = "\n".join([words, *meanings]) + gap + after
+        called.__signature__ = checked  # type: ignore[attr-defined]
+        return called
+
+    return decorated

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +10,10 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from bayestissue.dataset.arrays import dataset as dataset_of
-from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.settings import FILE as SETTINGS
-from bayestissue.dataset.settings import Gravity, Zero
-from bayestissue.declarations import general
+from bayestissue.dataset.settings import arguments
+from bayestissue.declarations import general, taking
 from bayestissue.errors import InputError
 from bayestissue.figures.theme import Figure
 from bayestissue.figures.traces import recording
@@ -29,6 +27,7 @@ from bayestissue.signal.quality import inspect
 if TYPE_CHECKING:
     import pandas as pd
 
+_STATED = ("gravity", "zero", "contact", "uncertainty", "recorder")
 _NO_ESTIMATE = "no estimate"
 _ENDS = ("K_low_N_per_m", "K_high_N_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m")
 
@@ -108,6 +107,7 @@ class Impact(Outlined):
         return recording(rows, "deceleration", "m/s²", words, median="spring and damper")
 
 
+@taking({name: declared for name, declared in arguments().items() if name in _STATED})
 def impact(
     time_s: ArrayLike,
     deceleration: ArrayLike,
@@ -115,11 +115,7 @@ def impact(
     mass_kg: float,
     velocity_m_s: float,
     unit: str = "m/s^2",
-    gravity: Gravity = "none",
-    zero: Zero = "free_fall",
-    contact: Contact | None = None,
-    uncertainty: Mapping[str, float] | Uncertainty | None = None,
-    recorder: Mapping[str, Any] | Recorder | None = None,
+    **stated: Any,
 ) -> Impact:
     """K and C of one impact, each with an interval that holds it with a probability of 90 %.
 
@@ -134,16 +130,7 @@ def impact(
         mass_kg: of the impactor.
         velocity_m_s: at contact.
         unit: of the decelerations, such as "m/s^2" or "g_0".
-        gravity: the part of gravity along the motion: "none", "drop" (straight down), or a number of m/s²,
-            positive into the tissue.
-        zero: where the sensor read 0: "free_fall" or "rest".
-        contact: where contact falls, "between" samples or "on_sample"; the recording tells unless given.
-        uncertainty: standard deviations of the measuring chain by the keys of ``[uncertainty]`` in
-            ``dataset.toml``: ``relative_mass_sd``, ``velocity_sd_m_s``, ``relative_gain_sd``, ``offset_sd``.
-            Errors that are not stated are taken to be 0, and are not in the intervals.
-        recorder: a known low-pass that the recording went through, by the keys of ``[recorder]`` in
-            ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``, and
-            ``noise`` and ``applied``.
+        **stated: keys of ``dataset.toml``, its tables as dictionaries.
 
     Raises:
         InputError: everything that is wrong with the arrays or the arguments.
@@ -160,11 +147,7 @@ def impact(
         [(np.asanyarray(time_s), np.asanyarray(deceleration))],
         quantity="deceleration",
         unit=unit,
-        gravity=gravity,
-        zero=zero,
-        contact=contact,
-        uncertainty=uncertainty,
-        recorder=recorder,
+        **stated,
         name="one impact",
     )
     return impact_of(data)

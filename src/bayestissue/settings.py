@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict
 
@@ -34,6 +36,34 @@ class Table(BaseModel):
         """Give each key what the docstring says of it."""
         for key, meaning in described(cls.__doc__, "Attributes")[1].items():
             cls.model_fields[key].description = meaning
+
+
+# An argument of a function, its name apart, and what it means: see `bayestissue.declarations.taking`.
+Argument = tuple[inspect.Parameter, str]
+
+
+def argument(field: FieldInfo) -> Argument:
+    """The argument that states a key; a table is a dictionary of its keys."""
+    types, meaning, default = kinds(field.annotation), str(field.description), field.default
+    if keys := [key for kind in types for key in getattr(kind, "model_fields", {})]:
+        types, default = [*types, dict[str, Any]], None
+        meaning += f"{'' if meaning.endswith('.') else '.'} Its keys are {', '.join(keys)}."
+    if field.is_required():
+        default = inspect.Parameter.empty
+    annotation: Any = Union[*types] if default is not None else Union[*types, None]
+    parameter = inspect.Parameter(
+        "key", inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+    )
+    return parameter, meaning
+
+
+def kinds(annotation: Any) -> list[Any]:
+    """The types that a value may have, without None and what else is required of it."""
+    if get_origin(annotation) is Annotated:
+        return kinds(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        return [kind for one in get_args(annotation) if one is not type(None) for kind in kinds(one)]
+    return [annotation]
 
 
 def read_toml(path: Path) -> dict[str, Any]:

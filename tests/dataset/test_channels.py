@@ -14,7 +14,7 @@ from scipy.signal import butter, lfilter
 
 import bayestissue as bt
 from bayestissue.checking import check
-from bayestissue.dataset import Recorder, read_dataset, write_dataset
+from bayestissue.dataset import LowPassFilter, read_dataset, write_dataset
 from bayestissue.dataset.write import settings_text
 from bayestissue.errors import InputError
 from dataset_bench import MASSES, NAMES, RATE, SETTINGS, Outcome, deceleration, tables
@@ -54,23 +54,23 @@ def test_the_channel_comes_with_the_dataset_and_is_written_back(tmp_path: Path) 
     data = read_dataset(bench(tmp_path / "bench"))
     (channel,) = data.channels
     assert (channel.name, channel.place, channel.tip_mass_kg) == ("load cell", "impactor", TIP)
-    assert [len(trace.value) for trace in channel.traces] == [len(trace.value) for trace in data.traces]
+    assert [len(trace.value) for trace in data.further[0]] == [len(trace.value) for trace in data.traces]
     again = read_dataset(data.write(tmp_path / "again"))
-    for one, other in zip(channel.traces, again.channels[0].traces, strict=True):
+    for one, other in zip(data.further[0], again.further[0], strict=True):
         np.testing.assert_array_equal(one.time_s, other.time_s)
         np.testing.assert_allclose(one.value, other.value, rtol=1e-12)
     part = data.part([2])
-    (third,) = part.channels[0].traces
-    np.testing.assert_array_equal(third.value, channel.traces[2].value)
+    (third,) = part.further[0]
+    np.testing.assert_array_equal(third.value, data.further[0][2].value)
 
 
 def test_units_scale_and_clock_of_the_channel_are_its_own(tmp_path: Path) -> None:
-    plain = read_dataset(bench(tmp_path / "plain")).channels[0].traces[0]
+    plain = read_dataset(bench(tmp_path / "plain")).further[0][0]
     other = bench(tmp_path / "other", scale=-1e-3, unit="kN", time_offset_s=0.001)
     (tmp_path / "other" / "dataset.toml").write_text(
         (other / "dataset.toml").read_text().replace('unit = "kN"', 'unit = "kN"\nscale = -1.0')
     )
-    trace = read_dataset(other).channels[0].traces[0]
+    trace = read_dataset(other).further[0][0]
     np.testing.assert_allclose(trace.value, plain.value, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(trace.time_s, plain.time_s + 0.001)
 
@@ -78,7 +78,7 @@ def test_units_scale_and_clock_of_the_channel_are_its_own(tmp_path: Path) -> Non
 def test_a_file_of_its_own_may_have_another_rate(tmp_path: Path) -> None:
     folder = bench(tmp_path / "bench")
     data = read_dataset(folder)
-    table = data.channels[0].traces
+    table = data.further[0]
     lines = ["impact,time_s,value"]
     lines += [
         f"{name},{time:.9g},{value:.9g}"
@@ -89,7 +89,7 @@ def test_a_file_of_its_own_may_have_another_rate(tmp_path: Path) -> None:
     text = (folder / "dataset.toml").read_text()
     (folder / "dataset.toml").write_text(text.replace('value_column = "force_N"', 'file = "force.csv"'))
     slow = read_dataset(folder)
-    assert np.diff(slow.channels[0].traces[0].time_s).mean() == pytest.approx(4 / RATE)
+    assert np.diff(slow.further[0][0].time_s).mean() == pytest.approx(4 / RATE)
     assert slow.input_hash != data.input_hash
     assert check(slow).quality["force_ratio"].to_numpy() == pytest.approx(RATIO, rel=0.005)
 
@@ -153,7 +153,7 @@ def test_a_cell_of_the_channel_that_is_no_number_leaves_its_impact_out(tmp_path:
         read_dataset(folder)
     data = read_dataset(folder, skip_bad=True)
     assert data.impacts["impact"].tolist() == list(NAMES[1:])
-    assert len(data.channels[0].traces) == len(NAMES) - 1
+    assert len(data.further[0]) == len(NAMES) - 1
 
 
 def test_check_compares_force_with_mass_times_deceleration(tmp_path: Path) -> None:
@@ -334,13 +334,15 @@ def test_a_heel_is_no_free_mass(heel_strikes: Path, tmp_path: Path) -> None:
 def test_a_low_pass_of_its_own_comes_with_it_and_is_written_back(tmp_path: Path) -> None:
     filtered = {"low_pass_hz": 400.0, "order": 4}
     data = read_dataset(bench(tmp_path / "bench", recorder=filtered))
-    assert data.channels[0].recorder == Recorder(400.0, 4)
+    assert data.channels[0].recorder == LowPassFilter(low_pass_hz=400.0, order=4)
     assert data.recorder is None
-    assert read_dataset(data.write(tmp_path / "again")).channels[0].recorder == Recorder(400.0, 4)
+    assert read_dataset(data.write(tmp_path / "again")).channels[0].recorder == LowPassFilter(
+        low_pass_hz=400.0, order=4
+    )
     given, said = from_arrays(value_column="force_N")
-    for low_pass in (filtered, Recorder(400.0, 4)):
+    for low_pass in (filtered, LowPassFilter(low_pass_hz=400.0, order=4)):
         made = bt.dataset(**given, channels={"cell": said | {"recorder": low_pass}})
-        assert made.channels[0].recorder == Recorder(400.0, 4)
+        assert made.channels[0].recorder == LowPassFilter(low_pass_hz=400.0, order=4)
 
 
 def test_a_list_of_named_channels_is_taken_as_the_dictionary() -> None:
@@ -357,13 +359,12 @@ def test_samples_at_the_sensor_s_limit_are_known(tmp_path: Path, limit: float | 
     given["traces"]["force_N"] = given["traces"]["force_N"].clip(upper=40.0)
     said |= {"value_column": "force_N"} | ({} if limit is None else {"limit": limit})
     data = bt.dataset(**given, channels={"cell": said})
-    (channel,) = data.channels
-    for trace in channel.traces:
+    for trace in data.further[0]:
         at_limit = np.zeros(len(trace.value), bool) if trace.clipped is None else trace.clipped == 1
         np.testing.assert_array_equal(at_limit, trace.value >= 40.0)
-    assert any(trace.clipped is not None for trace in channel.traces)
+    assert any(trace.clipped is not None for trace in data.further[0])
     again = bt.read_dataset(data.write(tmp_path / "again"))
-    for one, other in zip(channel.traces, again.channels[0].traces, strict=True):
+    for one, other in zip(data.further[0], again.further[0], strict=True):
         assert (one.clipped is None) == (other.clipped is None)
     # What is below the limit still is mass times deceleration.
     assert check(data).quality["force_ratio"].to_numpy() == pytest.approx(1, rel=0.01)
@@ -394,15 +395,13 @@ def test_arrays_have_a_channel_as_a_folder_has(tmp_path: Path) -> None:
     for data in (beside, own, apart, bt.read_dataset(beside.write(tmp_path / "written"))):
         (channel,) = data.channels
         assert (channel.name, channel.place, channel.relative_gain_sd) == ("cell", "base", 0.01)
-        for one, other in zip(channel.traces, beside.channels[0].traces, strict=True):
+        for one, other in zip(data.further[0], beside.further[0], strict=True):
             np.testing.assert_allclose(one.value, other.value, rtol=1e-12)
     assert check(own).quality["force_ratio"].to_numpy() == pytest.approx(1, rel=0.005)
     late = bt.dataset(
         **given, channels={"cell": said | {"traces": pairs(table, "force_N"), "time_offset_s": 1e-3}}
     )
-    np.testing.assert_allclose(
-        late.channels[0].traces[0].time_s, own.channels[0].traces[0].time_s + 1e-3, rtol=1e-12
-    )
+    np.testing.assert_allclose(late.further[0][0].time_s, own.further[0][0].time_s + 1e-3, rtol=1e-12)
     assert len({beside.input_hash, late.input_hash, bt.dataset(**given).input_hash}) == 3
 
 

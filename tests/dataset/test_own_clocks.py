@@ -14,7 +14,7 @@ from scipy.io import savemat
 import bayestissue as bt
 from bayestissue.dataset import read_dataset, write_dataset
 from bayestissue.errors import InputError
-from bayestissue.intake import Choices, prepare, write
+from bayestissue.intake import choices_of, prepare, write
 from recorder_files import lvm
 
 MASS, RATE, SAMPLES = 1.2, 5000.0, 400
@@ -84,7 +84,7 @@ def dataset_of(folder: Path, file: str, time: str | None, **channel: Any) -> Pat
 
 
 def require_truth(data: bt.Dataset, first: np.ndarray, own: np.ndarray) -> None:
-    (trace,), (force,) = data.traces, data.channels[0].traces
+    (trace,), (force,) = data.traces, data.further[0]
     begin = trace.time_s[0] - first[0]
     np.testing.assert_allclose(trace.time_s, begin + first, atol=1e-8)
     np.testing.assert_allclose(force.time_s, begin + own, atol=1e-8)
@@ -122,7 +122,7 @@ def test_init_leaves_each_channel_its_clock(force_first: bool, tmp_path: Path) -
     shared = {"subject": "s1", "mass_kg": str(MASS), "velocity_m_s": "0.6"}
     time = f"Time (s) (column {1 + 2 * force_first})"
     made = write(
-        prepare(folder, Choices(quantity="deceleration", time=time, shared=shared)), tmp_path / "made"
+        prepare(folder, choices_of(quantity="deceleration", time=time, given=shared)), tmp_path / "made"
     )
     require_truth(made.dataset, first, own)
 

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.chain import Quantity, Uncertainty
 from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.recordings import Recordings, Samples
+from bayestissue.dataset.settings import Quantity, Uncertainty
 from bayestissue.dataset.traces import at_limit
 
 COUNT = 400

@@ -45,7 +45,7 @@ def test_what_was_left_out_and_what_looks_odd_is_counted(dataset: Dataset) -> No
 
 
 def test_text_of_any_origin_is_tame(dataset: Dataset) -> None:
-    evil = replace(dataset, name="<script>alert(1)</script>\x1b[2J" + 1000 * "x")
+    evil = dataset.with_settings(name="<script>alert(1)</script>\x1b[2J" + 1000 * "x")
     assert "\x1b" not in repr(evil)
     assert len(repr(evil)) < 400
     assert "<script" not in evil._repr_html_()

@@ -70,21 +70,19 @@ def test_its_rows_begin_with_contact_and_end_with_the_window(heavier: Dataset) -
 
 
 def test_a_force_at_its_limit_is_not_used(heavier: Dataset) -> None:
-    (channel,) = heavier.channels
-    limit = 0.8 * max(trace.value.max() for trace in channel.traces)
+    (forces,) = heavier.further
+    limit = 0.8 * max(trace.value.max() for trace in forces)
     traces = [
         replace(trace, value=np.minimum(trace.value, limit), clipped=(trace.value >= limit).astype(np.int8))
-        for trace in channel.traces
+        for trace in forces
     ]
-    ready = prepared(replace(heavier, channels=(replace(channel, traces=traces),)))
+    ready = prepared(replace(heavier, further=(traces,)))
     assert ready.force is None
-    reached = sum(bool((trace.value >= limit).any()) for trace in channel.traces)
+    reached = sum(bool((trace.value >= limit).any()) for trace in forces)
     assert ready.force_unused == f"it stands at its sensor's limit in {reached} of {len(traces)} impacts"
     # What it lies at before and after the impact is no part of the window.
-    held = [
-        replace(trace, clipped=(np.arange(len(trace.value)) < 3).astype(np.int8)) for trace in channel.traces
-    ]
-    assert prepared(replace(heavier, channels=(replace(channel, traces=held),))).force is not None
+    held = [replace(trace, clipped=(np.arange(len(trace.value)) < 3).astype(np.int8)) for trace in forces]
+    assert prepared(replace(heavier, further=(held,))).force is not None
 
 
 def test_a_gain_and_a_mass_share_the_ratio_by_what_is_declared(heavier: Dataset) -> None:
@@ -157,9 +155,9 @@ def test_behind_a_low_pass_of_its_own_it_is_then_not_used(recorder: dict[str, An
 
 
 def test_a_force_that_lags_is_not_used(heavier: Dataset) -> None:
-    (channel,) = heavier.channels
-    late = [replace(trace, time_s=trace.time_s + 0.002) for trace in channel.traces]
-    ready = prepared(replace(heavier, channels=(replace(channel, traces=late),)))
+    (forces,) = heavier.further
+    late = [replace(trace, time_s=trace.time_s + 0.002) for trace in forces]
+    ready = prepared(replace(heavier, further=(late,)))
     assert ready.force is None
     assert "2 ms behind the deceleration: correct time_offset_s by -0.002 s" in ready.force_unused
 
@@ -185,7 +183,8 @@ def test_a_force_behind_a_low_pass_of_its_own_is_used(smooth: Dataset) -> None:
     # The deceleration passed through the same filter: the two agree, without a lag.
     assert ready.force.comparison.ratio == pytest.approx(1, rel=0.03)
     assert not ready.force.comparison.lags
-    undeclared = replace(smooth, channels=(replace(smooth.channels[0], recorder=None),))
+    channel = smooth.channels[0].model_copy(update={"recorder": None})
+    undeclared = smooth.with_settings(channel=(channel,))
     assert "it went through a low-pass of some 4" in prepared(undeclared).force_unused
 
 
@@ -224,11 +223,9 @@ def test_the_verdict_names_the_size(heavier: Dataset, mass_sd: float, passed: bo
 
 
 def test_ratios_that_differ_by_many_of_their_errors_are_said_first(heavier: Dataset) -> None:
-    (channel,) = heavier.channels
-    high = [
-        replace(trace, value=trace.value * (1.1 if i < 5 else 1)) for i, trace in enumerate(channel.traces)
-    ]
-    force = of_force(replace(heavier, channels=(replace(channel, traces=high),)))
+    (forces,) = heavier.further
+    high = [replace(trace, value=trace.value * (1.1 if i < 5 else 1)) for i, trace in enumerate(forces)]
+    force = of_force(replace(heavier, further=(high,)))
     assert force.comparison.apart.sum() == 5
     a = 0.03 + 0.001 * np.random.default_rng(0).standard_normal((4, 500))
     declared = heavier.impacts["mass_kg"].to_numpy()

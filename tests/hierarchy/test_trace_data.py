@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from bayestissue.hierarchy.traces import Kind
 from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
 from bayestissue.oscillator import impact_motion
 from bayestissue.signal import SignalOptions
+from dataset_bench import settings_of
 
 MASS = np.tile([0.5, 1.2], 3)
 PLAIN = Formulas(K="log(mass_kg) + (1|subject)", C="log(mass_kg) + (1|subject)")
@@ -40,20 +40,9 @@ def dataset(rate: float = 5000.0, **changes: Any) -> Dataset:
     part = motion.displacement if changes.get("quantity") == "displacement" else motion.deceleration
     values = np.where(time >= 0, np.asarray(part), 0.0)
     values += 1e-3 * values.max() * np.random.default_rng(1).normal(size=values.shape)
-    made = Dataset(
-        name="made",
-        description="",
-        impacts=rows,
-        traces=[Trace(time, row) for row in values],
-        quantity="deceleration",
-        uncertainty=CHAIN,
-        contact="between",
-        warnings=(),
-        left_out=(),
-        folder=Path(),
-        input_hash="",
-    )
-    return replace(made, **changes)
+    usual = {"quantity": "deceleration", "uncertainty": CHAIN, "contact": "between"}
+    traces = [Trace(time, row) for row in values]
+    return Dataset(settings_of(**usual | changes), rows, traces)
 
 
 def specification(likelihood: str, **changes: Any) -> ModelSpecification:

@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 import bayestissue as bt
-from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.settings import Uncertainty
 from bayestissue.inference.samplers.diagnostics import FORCE_CONTRADICTS
 from bayestissue.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
@@ -33,7 +33,11 @@ def test_masses_that_are_declared_too_small_are_put_right(tip: float) -> None:
     }
     made = simulate(Simulation.model_validate(content))
     # What the lab declares of the mass: a tenth.
-    dataset = replace(made.dataset("made"), uncertainty=Uncertainty(0.1, 0.005, 0.002, 0.0))
+    dataset = made.dataset("made").with_settings(
+        uncertainty=Uncertainty(
+            relative_mass_sd=0.1, velocity_sd_m_s=0.005, relative_gain_sd=0.002, offset_sd=0.0
+        )
+    )
     fit = bt.fit(dataset, seed=1)
     posterior = fit.posterior["posterior"].dataset
     low, high = np.quantile(posterior["mass_factor"], [0.05, 0.95])
@@ -82,7 +86,11 @@ def test_it_is_so_where_a_deceleration_does_not_show_when_contact_was(
     content |= recorder
     content["recording"] |= {"mass_factor": FACTOR, "relative_gain_sd": 0.002, "force": force}
     made = simulate(Simulation.model_validate(content))
-    dataset = replace(made.dataset("made"), uncertainty=Uncertainty(0.1, 0.005, 0.002, 0.0))
+    dataset = made.dataset("made").with_settings(
+        uncertainty=Uncertainty(
+            relative_mass_sd=0.1, velocity_sd_m_s=0.005, relative_gain_sd=0.002, offset_sd=0.0
+        )
+    )
     fit = bt.fit(dataset, model=model, seed=1)
     posterior = fit.posterior["posterior"].dataset
     low, high = np.quantile(posterior["mass_factor"], [0.05, 0.95])
@@ -108,14 +116,16 @@ def test_a_force_of_another_law_is_said_on_the_first_line_and_on_the_page(tmp_pa
         "force": {"noise_relative_to_peak": 0.005, "relative_gain_sd": 0.01},
     }
     made = simulate(Simulation.model_validate(content)).dataset("made")
-    (channel,) = made.channels
+    (forces,) = made.further
     # A cell that reads more the more it is pressed; the deceleration is that of the spring and damper.
     bent = [
         replace(trace, value=trace.value * (1 + 0.1 * (trace.value / trace.value.max()) ** 2))
-        for trace in channel.traces
+        for trace in forces
     ]
-    uncertainty = Uncertainty(0.1, 0.005, 0.002, 0.0)
-    dataset = replace(made, channels=(replace(channel, traces=bent),), uncertainty=uncertainty)
+    uncertainty = Uncertainty(
+        relative_mass_sd=0.1, velocity_sd_m_s=0.005, relative_gain_sd=0.002, offset_sd=0.0
+    )
+    dataset = replace(made.with_settings(uncertainty=uncertainty), further=(bent,))
     fit = bt.fit(dataset, seed=1)
     account, form = fit.diagnostics["channels"], fit.diagnostics["model_form"]
     assert not form["structured"]
@@ -138,6 +148,13 @@ def test_masses_that_the_force_contradicts_are_noted_on_every_row() -> None:
     }
     made = simulate(Simulation.model_validate(content)).dataset("made")
     # Masses are declared as exact to 0.2 %, and are a tenth off.
-    fit = bt.fit(replace(made, uncertainty=Uncertainty(0.002, 0.005, 0.002, 0.0)), seed=1)
+    fit = bt.fit(
+        made.with_settings(
+            uncertainty=Uncertainty(
+                relative_mass_sd=0.002, velocity_sd_m_s=0.005, relative_gain_sd=0.002, offset_sd=0.0
+            )
+        ),
+        seed=1,
+    )
     assert fit.diagnostics["channels"]["agrees"] is False
     assert (fit.summary["note"] == FORCE_CONTRADICTS).all()

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.settings import Uncertainty
 from bayestissue.simulation import Campaign, Simulation, simulate
 
 MOVES, MASSES, VELOCITY = 0.1, (0.5, 1.0), 1.5
@@ -91,7 +89,11 @@ def test_without_it_the_velocity_tells_it_as_well_as_it_is_known() -> None:
 @pytest.mark.long
 def test_with_a_velocity_that_is_hardly_known_it_is_what_its_prior_says_and_that_is_said() -> None:
     made = campaign(masses=(0.5,), moves=0.05, plate=False)
-    unsure = replace(made.dataset("moving"), uncertainty=Uncertainty(0.002, 0.45, 0.03, 0.0))
+    unsure = made.dataset("moving").with_settings(
+        uncertainty=Uncertainty(
+            relative_mass_sd=0.002, velocity_sd_m_s=0.45, relative_gain_sd=0.03, offset_sd=0.0
+        )
+    )
     # Along the bent ridge of m and K the chains may not pass.
     hardly = bt.fit(unsure, SHORT, seed=1)
     added = hardly.diagnostics["added_mass"]

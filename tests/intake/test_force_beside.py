@@ -12,7 +12,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.errors import InputError
-from bayestissue.intake import Choices, prepare, write
+from bayestissue.intake import choices_of, prepare, write
 from command_line import bayestissue
 from dataset_bench import deceleration
 from page_reader import figures
@@ -38,7 +38,7 @@ def recorded(tmp_path: Path, name: str = "Force (N)", factor: float = 1.0, **fur
 
 
 def made(folder: Path, out: Path, **said: Any) -> Any:
-    choices = Choices(quantity="deceleration", pattern="{subject}_{mass_kg}kg", shared=FACTS_SHARED, **said)
+    choices = choices_of(quantity="deceleration", pattern="{subject}_{mass_kg}kg", given=FACTS_SHARED, **said)
     return write(prepare(folder, choices), out)
 
 
@@ -49,7 +49,7 @@ def test_the_only_force_becomes_a_channel_and_the_page_draws_it_over_the_deceler
     built = made(recorded(tmp_path), tmp_path / "made")
     (channel,) = built.dataset.channels
     assert (channel.quantity, channel.place, channel.name) == ("force", "impactor", "force")
-    for mass, force, first in zip(MASSES, channel.traces, built.dataset.traces, strict=True):
+    for mass, force, first in zip(MASSES, built.dataset.further[0], built.dataset.traces, strict=True):
         np.testing.assert_allclose(force.value, mass * first.value, atol=0.1)
     assert 'value_column = "Force (N)"' in (tmp_path / "made" / "dataset.toml").read_text()
     assert any("Channel Force (N) is taken as the force at the impactor" in note for note in built.notes)
@@ -81,13 +81,12 @@ def test_none_is_taken_where_none_or_several_may_be_it(force: Any, tmp_path: Pat
     assert ("forces: Force (N), Fx (N)" in page) == bool(more)
     if more:
         chosen = made(folder, tmp_path / "chosen", force={"value_column": "Force"})
-        assert chosen.dataset.channels[0].traces[0].value.max() > 5
+        assert chosen.dataset.further[0][0].value.max() > 5
 
 
 def test_a_force_that_counts_the_other_way_is_turned(tmp_path: Path) -> None:
     built = made(recorded(tmp_path, factor=-1.0), tmp_path / "made")
-    (channel,) = built.dataset.channels
-    assert channel.traces[0].value.max() > 5
+    assert built.dataset.further[0][0].value.max() > 5
     assert any("its scale is -1" in note for note in built.notes)
     assert len(list((tmp_path / "made" / "recordings").iterdir())) == len(MASSES)
 

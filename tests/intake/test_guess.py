@@ -12,7 +12,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.dataset.files import Source
-from bayestissue.intake import Choices, prepare
+from bayestissue.intake import choices_of, prepare
 from bayestissue.intake.folder import File
 from bayestissue.intake.names import contradictions, guessed
 from bayestissue.resources import shared
@@ -164,7 +164,9 @@ def test_a_table_for_the_uncertainty_waits_where_none_was_stated(tmp_path: Path)
 def test_a_pattern_where_a_person_is_asked_for_is_one(tmp_path: Path) -> None:
     for number, path in enumerate(sorted(RECORDED.iterdir())[:3]):
         shutil.copyfile(path, tmp_path / f"rec{number}.lvm")
-    intake = prepare(tmp_path, Choices(quantity="deceleration", shared={"velocity_m_s": "1", "mass_kg": "1"}))
+    intake = prepare(
+        tmp_path, choices_of(quantity="deceleration", given={"velocity_m_s": "1", "mass_kg": "1"})
+    )
     (question,) = intake.questions
     assert question.option == "--set subject="
     assert intake.answered(question, "{subject}.lvm").questions == ()
@@ -199,7 +201,7 @@ def six_people(folder: Path) -> Path:
 @pytest.mark.parametrize("pattern", [None, "{group}/{subject}_{n}"])
 def test_people_numbered_anew_in_each_group_are_asked_about(tmp_path: Path, pattern: str | None) -> None:
     said = {"mass_kg": "1", "velocity_m_s": "1"}
-    choices = Choices(quantity="deceleration", pattern=pattern, shared=said, unit="m/s^2")
+    choices = choices_of(quantity="deceleration", pattern=pattern, given=said, unit="m/s^2")
     intake = prepare(six_people(tmp_path / "r"), choices)
     (question,) = intake.questions
     assert "1 is in control and in treated: one person or two?" in question.wording
@@ -219,7 +221,7 @@ def test_people_numbered_anew_are_joined_with_a_table_by_group_and_number(tmp_pa
     table.write_text("group,subject,who\n" + "\n".join(rows))
     pattern = "{group}/{subject:group}_{n}"
     intake = prepare(
-        six_people(tmp_path / "r"), Choices(quantity="deceleration", pattern=pattern, table=table)
+        six_people(tmp_path / "r"), choices_of(quantity="deceleration", pattern=pattern, table=table)
     )
     who = {(row["subject"], row["who"]) for row in intake.facts.of_file.values()}
     assert who == {(f"{g}-{n}", str(i)) for i, (g, n, _) in enumerate(row.split(",") for row in rows)}
@@ -243,7 +245,7 @@ def test_a_table_says_who_was_hit_in_whatever_case(tmp_path: Path, head: str, pe
     table = tmp_path / "facts.csv"
     table.write_text("\n".join(lines))
     said = {"mass_kg": "1", "velocity_m_s": "1"}
-    intake = prepare(tmp_path, Choices(quantity="deceleration", table=table, shared=said))
+    intake = prepare(tmp_path, choices_of(quantity="deceleration", table=table, given=said))
     if people is None:
         (question,) = intake.questions
         assert "--set" not in question.line
@@ -260,7 +262,7 @@ def test_a_velocity_may_stand_beside_its_height_in_a_table_of_whatever_case(tmp_
         lines.append(f"rec_{number}.lvm,p{number},1,{(12, 20)[number]},1.53414")
     table = tmp_path / "facts.csv"
     table.write_text("\n".join(lines))
-    intake = prepare(tmp_path, Choices(quantity="deceleration", table=table, gravity="drop"))
+    intake = prepare(tmp_path, choices_of(quantity="deceleration", table=table, gravity="drop"))
     assert intake.questions == ()
     rows = [(row["velocity_m_s"], row["drop_height_cm"]) for row in intake.facts.of_file.values()]
     assert rows == [(1.53414, 12.0), (1.53414, 20.0)]
@@ -275,6 +277,6 @@ def test_a_table_that_does_not_say_who_was_hit_leaves_it_to_the_names(tmp_path: 
     for path in files:
         if "1.0kg" in path.name:
             shutil.copyfile(path, recorded / path.name)
-    intake = prepare(recorded, Choices(quantity="deceleration", table=table, shared={"velocity_m_s": "1"}))
+    intake = prepare(recorded, choices_of(quantity="deceleration", table=table, given={"velocity_m_s": "1"}))
     assert intake.questions == ()
     assert {row["subject"] for row in intake.facts.of_file.values()} == {f"p{n}" for n in range(1, 7)}

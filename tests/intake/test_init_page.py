@@ -10,6 +10,7 @@ import pandas as pd
 from bayestissue.dataset import read_dataset, write_dataset
 from bayestissue.errors import Problem
 from bayestissue.report.recordings_pages import init_page
+from bayestissue.signal import displacements
 from dataset_bench import NAMES, SETTINGS, tables
 from page_reader import figures
 
@@ -17,8 +18,10 @@ from page_reader import figures
 def test_the_page_shows_every_impact_and_what_was_understood(tmp_path: Path) -> None:
     impacts, traces = tables()
     write_dataset(tmp_path, settings=SETTINGS, impacts=impacts, traces=traces)
+    data = read_dataset(tmp_path)
     page = init_page(
-        read_dataset(tmp_path),
+        data,
+        displacements(data),
         understood=[("values", "deceleration, channel <A&B>, in g")],
         left_out=[
             Problem("e.lvm", "a whole .lvm file", "Copy it anew.", value="<nothing>", code="damaged-file")

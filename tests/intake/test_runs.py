@@ -11,7 +11,7 @@ import pytest
 
 from bayestissue.dataset.formats import unit_in_name
 from bayestissue.errors import InputError
-from bayestissue.intake import Choices, prepare, write
+from bayestissue.intake import choices_of, prepare, write
 from dataset_bench import deceleration
 
 MASSES = (0.5, 0.7, 0.9)
@@ -43,11 +43,11 @@ def recorded(folder: Path, *tables: dict[str, np.ndarray]) -> Path:
 @pytest.mark.parametrize("how", NAMED)
 def test_files_of_one_run_each_have_the_same_channels(how: str, tmp_path: Path) -> None:
     folder = recorded(tmp_path / "recorded", *(run_of(run, how) for run in (1, 2, 3)))
-    intake = prepare(folder, Choices(quantity="deceleration", shared=SHARED | {"mass_kg": "0.7"}))
+    intake = prepare(folder, choices_of(quantity="deceleration", given=SHARED | {"mass_kg": "0.7"}))
     assert list(intake.recordings.candidates()) == ["Time (s)", "Acceleration (m/s²)", "Force (N)"]
     assert not intake.questions
     data = write(intake, tmp_path / "made").dataset
-    for run, (trace, force) in enumerate(zip(data.traces, data.channels[0].traces, strict=True), 1):
+    for run, (trace, force) in enumerate(zip(data.traces, data.further[0], strict=True), 1):
         expected = list(run_of(run, how).values())
         np.testing.assert_allclose([trace.time_s, trace.value, force.value], expected, rtol=1e-12)
         np.testing.assert_array_equal(force.time_s, trace.time_s)
@@ -59,10 +59,10 @@ def test_a_run_of_several_in_a_file_has_its_own_time_and_unit(run: int, how: str
     columns = {name: values for number in (1, 2, 3) for name, values in run_of(number, how).items()}
     folder = recorded(tmp_path / "recorded", columns)
     time, acceleration, force = run_of(run, how)
-    said: dict[str, Any] = {"quantity": "deceleration", "shared": SHARED | {"mass_kg": "0.7"}}
-    chosen = Choices(channel=acceleration, force={"value_column": force, "place": "impactor"}, **said)
+    said: dict[str, Any] = {"quantity": "deceleration", "given": SHARED | {"mass_kg": "0.7"}}
+    chosen = choices_of(channel=acceleration, force={"value_column": force, "place": "impactor"}, **said)
     data = write(prepare(folder, chosen), tmp_path / "made").dataset
-    (trace,), (beside,) = data.traces, data.channels[0].traces
+    (trace,), (beside,) = data.traces, data.further[0]
     np.testing.assert_allclose(
         [trace.time_s, trace.value], [columns[time], columns[acceleration]], rtol=1e-12
     )
@@ -74,7 +74,7 @@ def test_a_question_with_many_answers_lists_some(tmp_path: Path) -> None:
     time, value = deceleration(0.5, 1.2)
     columns = {"Time (s)": time} | {f"a{number} (g)": value for number in range(72)}
     intake = prepare(
-        recorded(tmp_path / "recorded", columns), Choices(quantity="deceleration", shared=SHARED)
+        recorded(tmp_path / "recorded", columns), choices_of(quantity="deceleration", given=SHARED)
     )
     (words,) = [question.wording for question in intake.questions if question.option == "--channel"]
     assert words.endswith("a7 (g) or one of 64 more")

@@ -13,7 +13,7 @@ from scipy.linalg import toeplitz
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.elements import element
 from bayestissue.likelihood.element import noise
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
@@ -25,22 +25,22 @@ from bayestissue.signal.filters import autocorrelation, modes
 
 pytestmark = pytest.mark.slow
 
-SLOW = Recorder(500.0)
-SAE = Recorder(2.0775 * 180, zero_phase=True, sae_class=180, applied="analog")
+SLOW = LowPassFilter(low_pass_hz=500.0)
+SAE = LowPassFilter(low_pass_hz=2.0775 * 180, zero_phase=True, sae_class=180, applied="analog")
 DT, ROWS = 1e-4, 60
 K, C, MASS, VELOCITY = 30_000.0, 60.0, 0.5, 1.5
 
 
-def lags(recorder: Recorder, dt: float = DT):
+def lags(recorder: LowPassFilter, dt: float = DT):
     return lambda lag: autocorrelation(recorder, lag, dt)
 
 
-def whole(recorder: Recorder, white: float, rows: int = ROWS, dt: float = DT) -> np.ndarray:
+def whole(recorder: LowPassFilter, white: float, rows: int = ROWS, dt: float = DT) -> np.ndarray:
     """T = f 1 + (1 - f) R."""
     return white * np.eye(rows) + (1 - white) * toeplitz(lags(recorder, dt)(np.arange(rows)))
 
 
-@pytest.mark.parametrize("recorder", [SLOW, SAE, Recorder(900.0, 1)], ids=str)
+@pytest.mark.parametrize("recorder", [SLOW, SAE, LowPassFilter(low_pass_hz=900.0, order=1)], ids=str)
 @pytest.mark.parametrize("white", [0.0, 0.2])
 def test_samples_are_so_far_apart_that_no_frequency_is_believed_above_all_others(recorder, white):
     stride = colour_of(white, [lags(recorder)], ROWS).stride
@@ -115,7 +115,7 @@ def test_innovations_undo_the_factor_and_draws_have_the_covariance():
 
 def record(
     first: float,
-    recorder: Recorder,
+    recorder: LowPassFilter,
     colour: Colour,
     d: np.ndarray,
     contact: Contact,
@@ -181,7 +181,7 @@ def test_the_density_where_contact_is_known_is_that_of_the_whole_covariance(log_
 
 
 def with_contact_open(
-    recorder: Recorder, colour: Colour, trace: np.ndarray, reach: int, lead: int
+    recorder: LowPassFilter, colour: Colour, trace: np.ndarray, reach: int, lead: int
 ) -> DecelerationRecord:
     """Contact may be in any of ``reach`` cells, those in which the filter looks ahead among them."""
     return record(
@@ -258,13 +258,13 @@ def test_a_discrepancy_beside_it_takes_up_what_the_element_leaves():
     assert density(trace, np.log(10.0)) < plain
 
 
-def seen_directly(recorder: Recorder, time: np.ndarray) -> np.ndarray:
+def seen_directly(recorder: LowPassFilter, time: np.ndarray) -> np.ndarray:
     """The filter's answer to the impact at some times."""
     return np.interp(time, *answer(recorder))
 
 
 @cache
-def answer(recorder: Recorder) -> tuple[np.ndarray, np.ndarray]:
+def answer(recorder: LowPassFilter) -> tuple[np.ndarray, np.ndarray]:
     """By its transform, sampled so often that the jump does no harm: times and values."""
     fine, span = DT / 40, 0.08
     grid = np.arange(-span, span, fine)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import bessel, butter, sosfilt, sosfiltfilt
 
-from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.elements import element, impact
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.likelihood.element.recorder import LowPass
@@ -19,17 +19,17 @@ DT, SAMPLES, VELOCITY = 5e-4, 40, 1.5
 RATE = 1 / DT
 QUARTER = RATE / 8
 FILTERS = [
-    Recorder(QUARTER, applied="digital"),
-    Recorder(QUARTER, 5, "bessel", applied="digital"),
-    Recorder(QUARTER, 2, zero_phase=True),
-    Recorder(QUARTER, 3, zero_phase=True),
+    LowPassFilter(low_pass_hz=QUARTER, applied="digital"),
+    LowPassFilter(low_pass_hz=QUARTER, order=5, kind="bessel", applied="digital"),
+    LowPassFilter(low_pass_hz=QUARTER, order=2, zero_phase=True),
+    LowPassFilter(low_pass_hz=QUARTER, order=3, zero_phase=True),
     # One pole at a quarter of the sampling rate has a digital pole at 0.
-    Recorder(RATE / 4, 1, zero_phase=True),
+    LowPassFilter(low_pass_hz=RATE / 4, order=1, zero_phase=True),
 ]
 TISSUES = {"kelvin_voigt": {"K": 3000.0, "C": 25.0}, "hunt_crossley": {"K": 3000.0, "C": 60.0}}
 
 
-def by_scipy(recorder: Recorder, values: np.ndarray) -> np.ndarray:
+def by_scipy(recorder: LowPassFilter, values: np.ndarray) -> np.ndarray:
     """As a lab filters its export: forwards, or forwards and backwards with the padding of `sosfiltfilt`."""
     design = {"butterworth": butter, "bessel": bessel}[recorder.kind]
     extra = {"norm": "mag"} if recorder.kind == "bessel" else {}
@@ -46,7 +46,7 @@ def sampled(name: str, time: np.ndarray) -> np.ndarray:
     return np.asarray(motion.deceleration)[0]
 
 
-def likelihoods(recorder: Recorder) -> tuple[LowPass, int]:
+def likelihoods(recorder: LowPassFilter) -> tuple[LowPass, int]:
     poles, weights = modes(recorder)
     lead = max(3, int(np.ceil(ahead_s(recorder, np.array(DT)) / DT))) if recorder.zero_phase else 0
     ahead = jnp.zeros(lead) if recorder.zero_phase else None
@@ -129,7 +129,7 @@ def test_an_analog_filter_of_the_same_corner_is_another():
 
 
 def test_a_filter_far_below_the_sampling_rate_is_the_analog_one():
-    slow, _ = likelihoods(Recorder(RATE / 400, applied="digital"))
+    slow, _ = likelihoods(LowPassFilter(low_pass_hz=RATE / 400, applied="digital"))
     parameters = jnp.array([[value] for value in TISSUES["kelvin_voigt"].values()])
     both = [
         answered(element("kelvin_voigt"), parameters, record(0.5 * DT, low_pass)).d[0]
@@ -144,7 +144,9 @@ def test_the_slowest_part_dies_away_as_the_filter_rings(recorder):
     """The answer to an impulse is at most its slowest pole's, which the samples far from it show."""
     impulse = np.zeros(401)
     impulse[200] = 1
-    once = by_scipy(Recorder(recorder.low_pass_hz, recorder.order, recorder.kind), impulse)
+    once = by_scipy(
+        LowPassFilter(low_pass_hz=recorder.low_pass_hz, order=recorder.order, kind=recorder.kind), impulse
+    )
     size = np.abs(once[200:])
     envelope = np.maximum.accumulate(size[::-1])[::-1]
     shown = -np.log(envelope[60] / envelope[20]) / (40 * DT)

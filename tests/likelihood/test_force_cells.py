@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.elements import element
 from bayestissue.hierarchy.recorder import low_pass_of
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
@@ -38,9 +38,9 @@ PARAMETERS = {
     "maxwell": {"K": 3000.0, "C": 120.0},
     "hunt_crossley": {"K": 3000.0, "C": 60.0},
 }
-BESSEL = Recorder(300.0, 4, "bessel")
-BACK = Recorder(300.0, 2, zero_phase=True, applied="analog")
-DIGITAL = Recorder(300.0, applied="digital")
+BESSEL = LowPassFilter(low_pass_hz=300.0, order=4, kind="bessel")
+BACK = LowPassFilter(low_pass_hz=300.0, order=2, zero_phase=True, applied="analog")
+DIGITAL = LowPassFilter(low_pass_hz=300.0, applied="digital")
 
 
 def force(name: str, y: np.ndarray) -> np.ndarray:
@@ -73,7 +73,7 @@ def motion(name: str, velocity: float) -> Callable[[np.ndarray], np.ndarray]:
     return at
 
 
-def recorded(recorder: Recorder | None, d: Callable[[np.ndarray], np.ndarray], dt: float):
+def recorded(recorder: LowPassFilter | None, d: Callable[[np.ndarray], np.ndarray], dt: float):
     """What is recorded at times first + k dt for contact at time 0, as a function of the first time."""
     if recorder is not None and recorder.digital:
 
@@ -99,7 +99,7 @@ def columns_at(answers, first: float, count: int) -> tuple[np.ndarray, np.ndarra
     return middle(first, count), (faster(first, count) - slower(first, count)) / (2 * step), late
 
 
-def case(name: str, of_d: Recorder | None, dt: float, first: float):
+def case(name: str, of_d: LowPassFilter | None, dt: float, first: float):
     """The record of one impact, contact 2.3 intervals before its first sample, and its log density."""
     low_pass = None if of_d is None else low_pass_of(of_d, np.array([DT]))
     lead = 0 if low_pass is None else low_pass.lead

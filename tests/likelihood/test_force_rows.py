@@ -12,7 +12,7 @@ from jax import Array
 from scipy.linalg import toeplitz
 from scipy.stats import multivariate_normal
 
-from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.elements import element
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
@@ -141,16 +141,20 @@ LATER = 3
 @pytest.mark.parametrize(
     ("recorder", "share", "first"),
     [
-        (Recorder(300.0), 1.0, FORCE_FIRST),
-        pytest.param(Recorder(300.0, 4, "bessel"), 0.3, FORCE_FIRST, marks=pytest.mark.slow),
-        (Recorder(150.0, 2, zero_phase=True, applied="analog"), 0.3, FORCE_FIRST),
-        pytest.param(Recorder(200.0, applied="digital"), 0.3, FORCE_FIRST, marks=pytest.mark.slow),
+        (LowPassFilter(low_pass_hz=300.0), 1.0, FORCE_FIRST),
+        pytest.param(
+            LowPassFilter(low_pass_hz=300.0, order=4, kind="bessel"), 0.3, FORCE_FIRST, marks=pytest.mark.slow
+        ),
+        (LowPassFilter(low_pass_hz=150.0, order=2, zero_phase=True, applied="analog"), 0.3, FORCE_FIRST),
+        pytest.param(
+            LowPassFilter(low_pass_hz=200.0, applied="digital"), 0.3, FORCE_FIRST, marks=pytest.mark.slow
+        ),
         # Samples since contact before the first that counts are behind the filter too.
-        (Recorder(200.0, applied="digital"), 1.0, FORCE_FIRST + 2 * FORCE_DT),
+        (LowPassFilter(low_pass_hz=200.0, applied="digital"), 1.0, FORCE_FIRST + 2 * FORCE_DT),
     ],
 )
 def test_behind_a_low_pass_it_is_the_dense_normal_of_what_passes(
-    recorder: Recorder, share: float, first: float
+    recorder: LowPassFilter, share: float, first: float
 ) -> None:
     record, d, _ = recorded()
     assert record.force is not None
@@ -198,7 +202,7 @@ def test_behind_a_low_pass_it_is_the_dense_normal_of_what_passes(
     assert found == pytest.approx(expected.logpdf(np.concatenate([d, y])[asked]), abs=0.02)
 
 
-def filtered_noise_of(recorder: Recorder, share: float, dt: np.ndarray) -> dict[str, Any]:
+def filtered_noise_of(recorder: LowPassFilter, share: float, dt: np.ndarray) -> dict[str, Any]:
     colour, rate, _ = filtered_noise(recorder, share, ROWS, dt)
     return {"colour": colour, "rate": jnp.asarray(rate)}
 

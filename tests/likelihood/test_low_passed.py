@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import bessel, butter, freqs
 from scipy.special import logsumexp
 
-from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.elements import element
 from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord
@@ -18,17 +18,17 @@ from bayestissue.likelihood.element.response import motion, response
 from bayestissue.signal.filters import delay, modes
 
 FILTERS = [
-    Recorder(500.0),
-    Recorder(800.0, 1),
-    Recorder(700.0, 5, "bessel"),
-    Recorder(500.0, 2, zero_phase=True),
-    Recorder(900.0, 3, zero_phase=True),
+    LowPassFilter(low_pass_hz=500.0),
+    LowPassFilter(low_pass_hz=800.0, order=1),
+    LowPassFilter(low_pass_hz=700.0, order=5, kind="bessel"),
+    LowPassFilter(low_pass_hz=500.0, order=2, zero_phase=True),
+    LowPassFilter(low_pass_hz=900.0, order=3, zero_phase=True),
 ]
 # A spring and damper's deceleration is A e^(p t) and its conjugate.
 K, C, MASS, VELOCITY, DT = 30_000.0, 60.0, 0.5, 1.5, 1e-4
 
 
-def closed_form(recorder: Recorder, time: np.ndarray) -> np.ndarray:
+def closed_form(recorder: LowPassFilter, time: np.ndarray) -> np.ndarray:
     """The filter's answer to the impact, term by term; the impact is 0 before contact and never ends."""
     own = np.roots([1, C / MASS, K / MASS])
     size = VELOCITY * own**2 * np.array([-1, 1]) / (own[0] - own[1])
@@ -45,7 +45,7 @@ def closed_form(recorder: Recorder, time: np.ndarray) -> np.ndarray:
     return found.real
 
 
-def low_pass(recorder: Recorder, phases: int = 1, lead: int = 0) -> LowPass:
+def low_pass(recorder: LowPassFilter, phases: int = 1, lead: int = 0) -> LowPass:
     poles, weights = modes(recorder)
     ahead = jnp.zeros(lead) if recorder.zero_phase else None
     return LowPass(jnp.asarray(poles), jnp.asarray(weights), (jnp.arange(phases) + 0.5) / phases, ahead)
@@ -99,8 +99,10 @@ def test_modes_are_those_of_the_filter(recorder):
 
 def test_the_delay_is_when_a_step_is_half_there():
     # 1 - e^(-t / T) of one pole.
-    assert delay(Recorder(500.0, 1)) == pytest.approx(np.log(2) / (2 * np.pi * 500.0), rel=1e-4)
-    assert delay(Recorder(500.0, zero_phase=True)) == 0
+    assert delay(LowPassFilter(low_pass_hz=500.0, order=1)) == pytest.approx(
+        np.log(2) / (2 * np.pi * 500.0), rel=1e-4
+    )
+    assert delay(LowPassFilter(low_pass_hz=500.0, zero_phase=True)) == 0
 
 
 @pytest.mark.slow
@@ -151,7 +153,7 @@ def test_a_force_that_has_fallen_to_0_stays_there():
 @pytest.mark.slow
 def test_a_constant_comes_through_a_filter_as_it_is():
     """From long before: the integrals' weights sum to one over the pole, whatever the interval."""
-    given = low_pass(Recorder(3000.0, 4))
+    given = low_pass(LowPassFilter(low_pass_hz=3000.0, order=4))
     still = Flow(jnp.ones((1, 400)), jnp.zeros((1, 400)), jnp.array([DT]))
     early = Flow(jnp.ones((1, PIECES + 1)), jnp.zeros((1, PIECES + 1)), jnp.array([DT]))
     found, slope = low_passed(given, early, still)

@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.dataset.settings import STANDARD_GRAVITY
 from bayestissue.literature import FACTOR, MEASURED, SITES, Range, comparable, measurements
 from bayestissue.words import NOUNS
 

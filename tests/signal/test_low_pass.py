@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayestissue.checking import check
-from bayestissue.dataset import Dataset, Recorder
+from bayestissue.dataset import Dataset, LowPassFilter
 from bayestissue.signal import SignalOptions, displacements
 from bayestissue.signal.contact import find_onset
 from bayestissue.signal.filters import ahead_s
@@ -41,7 +41,7 @@ def behind_500_hz() -> Dataset:
 
 
 def test_check_names_it_and_what_it_costs(behind_500_hz: Dataset):
-    found = check(replace(behind_500_hz, recorder=None))
+    found = check(behind_500_hz.with_settings(recorder=None))
     said = [each for each in found.warnings if "a rise at contact as fast as" in each.expected]
     assert len(said) >= 7
     assert all("second-order low-pass of" in str(each.value) for each in said)
@@ -74,13 +74,13 @@ def test_tissues_are_left_alone(tissue: str, noise: float):
 
 
 def test_a_trace_without_a_quiet_part_is_not_asked(behind_500_hz: Dataset):
-    signal = displacements(replace(behind_500_hz, recorder=None))
+    signal = displacements(behind_500_hz.with_settings(recorder=None))
     alone = replace(signal, n_before=np.zeros_like(signal.n_before))
     assert np.isnan(suspected(alone).corner_hz).all()
 
 
 def test_recorder_is_shown():
-    assert str(Recorder(500.0, 4, "bessel", zero_phase=True)) == (
+    assert str(LowPassFilter(low_pass_hz=500.0, order=4, kind="bessel", zero_phase=True)) == (
         "bessel, order 4, 500 Hz, forwards and backwards"
     )
 

@@ -9,7 +9,7 @@ import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 
 import bayestissue as bt
-from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.settings import Uncertainty
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.resources import shared

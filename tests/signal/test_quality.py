@@ -10,7 +10,7 @@ import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 from scipy.stats import binom
 
-from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.settings import Uncertainty
 from bayestissue.signal import SignalOptions
 from bayestissue.signal.quality import inspect, raised
 from bayestissue.signal.quality.samples import Recorded as Seen

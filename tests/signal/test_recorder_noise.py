@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import bessel, butter, freqs, sosfilt, sosfiltfilt
 
 from bayestissue.dataset import Dataset, Trace
-from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.signal import displacements
 from bayestissue.signal.filters import autocorrelation, white_share
 from bayestissue.simulation import Simulation, simulate
@@ -30,7 +30,7 @@ def recorded(recorder: dict, impacts: int = 12, **recording: float) -> Dataset:
     }
     found = simulate(Simulation.model_validate(content)).dataset("noise")
     assert found.recorder is not None
-    return replace(found, recorder=replace(found.recorder, noise=None))
+    return found.with_settings(recorder=found.recorder.model_copy(update={"noise": None}))
 
 
 def with_white(data: Dataset, sd: float) -> Dataset:
@@ -45,15 +45,15 @@ def with_white(data: Dataset, sd: float) -> Dataset:
 @pytest.mark.parametrize(
     "recorder",
     [
-        Recorder(500.0),
-        Recorder(800.0, 1),
-        Recorder(700.0, 5, "bessel"),
-        Recorder(500.0, 2, zero_phase=True, applied="analog"),
-        Recorder(900.0, 3, zero_phase=True, applied="analog"),
+        LowPassFilter(low_pass_hz=500.0),
+        LowPassFilter(low_pass_hz=800.0, order=1),
+        LowPassFilter(low_pass_hz=700.0, order=5, kind="bessel"),
+        LowPassFilter(low_pass_hz=500.0, order=2, zero_phase=True, applied="analog"),
+        LowPassFilter(low_pass_hz=900.0, order=3, zero_phase=True, applied="analog"),
     ],
     ids=str,
 )
-def test_the_autocorrelation_is_the_spectrums(recorder: Recorder):
+def test_the_autocorrelation_is_the_spectrums(recorder: LowPassFilter):
     design = {"butterworth": butter, "bessel": bessel}[recorder.kind]
     extra = {"norm": "mag"} if recorder.kind == "bessel" else {}
     frequency = np.linspace(0, 4e5, 400_001)
@@ -72,13 +72,13 @@ def test_the_autocorrelation_is_the_spectrums(recorder: Recorder):
 @pytest.mark.parametrize(
     "recorder",
     [
-        Recorder(1250.0, applied="digital"),
-        Recorder(700.0, 5, "bessel", applied="digital"),
-        Recorder(1250.0, 3, zero_phase=True),
+        LowPassFilter(low_pass_hz=1250.0, applied="digital"),
+        LowPassFilter(low_pass_hz=700.0, order=5, kind="bessel", applied="digital"),
+        LowPassFilter(low_pass_hz=1250.0, order=3, zero_phase=True),
     ],
     ids=str,
 )
-def test_the_autocorrelation_of_samples_is_that_of_a_long_filtered_noise(recorder: Recorder):
+def test_the_autocorrelation_of_samples_is_that_of_a_long_filtered_noise(recorder: LowPassFilter):
     """Of 400,000 samples, of which at least one in thirty is independent."""
     design = {"butterworth": butter, "bessel": bessel}[recorder.kind]
     extra = {"norm": "mag"} if recorder.kind == "bessel" else {}
@@ -125,7 +125,7 @@ def test_without_a_quiet_part_it_goes_by_what_is_declared_and_by_the_filter():
         assert white_share(short, signal) == share
         assert data.recorder is not None
         for noise, expected in (("before", 0.0), ("after", 1.0)):
-            other = replace(data, recorder=replace(data.recorder, noise=noise))
+            other = data.with_settings(recorder=data.recorder.model_copy(update={"noise": noise}))
             assert white_share(other, displacements(other)) == expected
         # A quiet part that a recorder rounded to one number tells nothing.
         whole = displacements(data)

@@ -111,7 +111,7 @@ def test_recorded_mass_and_velocity_are_not_the_true_ones():
     assert truth["offset_m_s2"].std() == pytest.approx(1, rel=0.1)
     _, d = rows(campaign, 0)
     assert d[0] == pytest.approx(truth["offset_m_s2"][0], abs=1e-12)
-    assert campaign.uncertainty.velocity_sd_m_s == 0.1
+    assert campaign.settings.uncertainty.velocity_sd_m_s == 0.1
 
 
 def test_a_recorder_clips_and_rounds_to_its_steps():
@@ -240,14 +240,14 @@ def test_a_recorders_low_pass_takes_the_true_motion_and_leaves_noise_white(recor
     assert np.std(made.value - bare.value) == pytest.approx(0.5, rel=4 / np.sqrt(2 * made.value.size))
     write_campaign(tmp_path, made, filtered)
     data = read_dataset(tmp_path)
-    assert data.recorder == filtered.recorder.values() == made.recorder
-    poles, weights = modes(made.recorder)
-    ahead = jnp.zeros(80) if made.recorder.zero_phase else None
-    corner = jnp.asarray(2 * np.pi * made.recorder.low_pass_hz) if made.recorder.digital else None
+    assert data.recorder == filtered.recorder == made.settings.recorder
+    poles, weights = modes(filtered.recorder)
+    ahead = jnp.zeros(80) if filtered.recorder.zero_phase else None
+    corner = jnp.asarray(2 * np.pi * filtered.recorder.low_pass_hz) if filtered.recorder.digital else None
     given = LowPass(jnp.asarray(poles), jnp.asarray(weights), jnp.array([0.5]), ahead, corner)
     truth, time, value = bare.truth.iloc[:2], *rows(bare, 0)
     own = [truth[name].to_numpy() for name in ("velocity_m_s", "mass_kg", "K_N_per_m", "C_N_s_per_m")]
-    first = np.searchsorted(time, truth["contact_time_s"]) - (60 if made.recorder.zero_phase else 0)
+    first = np.searchsorted(time, truth["contact_time_s"]) - (60 if filtered.recorder.zero_phase else 0)
     dt, samples, columns = time[1] - time[0], 120, np.zeros((2, 4))
     contact, ball = Contact.known(np.zeros(2, bool)), {"diameter_m": np.full(2, 0.03)}
     record = DecelerationRecord.from_arrays(
@@ -306,7 +306,7 @@ def test_a_force_goes_through_its_own_low_pass(recorder):
     # Behind an analog filter the grid is finer than alone: a bilinear transform's error goes with its step.
     assert campaign.force == pytest.approx(mass * expected.value, abs=2e-3 * campaign.force.max())
     (channel,) = campaign.dataset("made").channels
-    assert channel.recorder == made.recording.force.recorder.values()
+    assert channel.recorder == made.recording.force.recorder
 
 
 def test_a_force_is_clipped_at_its_limit_and_read_so(tmp_path):
@@ -321,8 +321,7 @@ def test_a_force_is_clipped_at_its_limit_and_read_so(tmp_path):
     np.testing.assert_array_equal(campaign.force, np.clip(free.force, -limit, limit))
     write_campaign(tmp_path / "made", campaign, made)
     for dataset in (campaign.dataset("made"), read_dataset(tmp_path / "made")):
-        (channel,) = dataset.channels
-        marked = [np.zeros(len(t.value)) if t.clipped is None else t.clipped for t in channel.traces]
+        marked = [np.zeros(len(t.value)) if t.clipped is None else t.clipped for t in dataset.further[0]]
         np.testing.assert_array_equal(np.concatenate(marked), campaign.force >= limit)
 
 
@@ -344,7 +343,6 @@ def test_a_campaign_with_a_force_is_read_with_it(tmp_path):
     campaign = simulate(made)
     write_campaign(tmp_path / "made", campaign, made)
     read, direct = read_dataset(tmp_path / "made"), campaign.dataset("made")
-    for (one,), (other,) in ((read.channels, direct.channels),):
-        assert (one.tip_mass_kg, one.relative_gain_sd) == (other.tip_mass_kg, other.relative_gain_sd)
-        for mine, theirs in zip(one.traces, other.traces, strict=True):
-            np.testing.assert_allclose(mine.value, theirs.value, rtol=1e-12)
+    assert read.channels == direct.channels
+    for mine, theirs in zip(read.further[0], direct.further[0], strict=True):
+        np.testing.assert_allclose(mine.value, theirs.value, rtol=1e-12)

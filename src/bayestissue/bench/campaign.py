@@ -16,10 +16,10 @@ from bayestissue.dataset.recorders import SUFFIXES
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import (
     ImpactorSettings,
-    RecorderSettings,
+    LowPassFilter,
     Settings,
     SignalSettings,
-    UncertaintySettings,
+    Uncertainty,
     WordSettings,
     parse_settings,
 )
@@ -77,8 +77,8 @@ class CampaignSpecification(Table):
     order: str | None = None
     files_by: Literal["times", "names"] | None = None
     signal: SignalSettings | None = None
-    uncertainty: UncertaintySettings | None = None
-    recorder: RecorderSettings | None = None
+    uncertainty: Uncertainty | None = None
+    recorder: LowPassFilter | None = None
     impactor: ImpactorSettings | None = None
     words: WordSettings | None = None
     wanted: Wanted = Wanted()

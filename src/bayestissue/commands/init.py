@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 import tomllib
+from collections.abc import Callable
+from inspect import Parameter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
 
-from bayestissue.commands.delivery import Json, Overwrite, Quiet, SkipBad
+from bayestissue.commands.delivery import Json, Overwrite, Quiet
+from bayestissue.declarations import taking
 from bayestissue.errors import Problem, by_cause, printable, refuse
 
 if TYPE_CHECKING:
@@ -21,38 +24,28 @@ _CHAIN = {
     "gain": "relative_gain_sd",
     "offset": "offset_sd",
 }
+# An entry of each table, by its option.
+_ENTRIES = {
+    **{"given": "mass_kg=2.1", "recorder": "sae_class=180", "text": "decimal=comma"},
+    **{"uncertainty": "velocity=0.01", "force": "place=base", "words": "subject=pad"},
+}
+_NAMES = {"given": "--set"}
+
+
+def with_options() -> Callable[..., None]:
+    """The command with an option for each argument of `bayestissue.init_dataset`."""
+    from bayestissue.intake import options
+
+    return taking({name: _option(name, *declared) for name, declared in options().items()})(run)
 
 
 def run(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER")],
     out: Path | None = None,
-    pattern: Annotated[str | None, typer.Option(metavar="PATTERN")] = None,
-    table: Annotated[Path | None, typer.Option(metavar="FILE.csv")] = None,
-    shared: Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE")] = None,
-    channel: str | None = None,
-    quantity: Literal["deceleration", "acceleration", "displacement"] | None = None,
-    unit: str | None = None,
-    scale: float = 1.0,
-    offset: float = 0.0,
-    time: str | None = None,
-    time_unit: str | None = None,
-    rate_hz: Annotated[float | None, typer.Option(min=0)] = None,
-    crop: Annotated[tuple[float, float] | None, typer.Option(metavar="START STOP")] = None,
-    recorder: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE")] = None,
-    text: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE")] = None,
-    uncertainty: Annotated[list[str] | None, typer.Option(metavar="NAME=SD")] = None,
-    force: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE|none")] = None,
-    gravity: Annotated[str | None, typer.Option(metavar="none|drop|M_S2")] = None,
-    zero: Literal["free_fall", "rest"] | None = None,
-    contact: Literal["on_sample", "between"] | None = None,
-    several: bool = False,
-    threshold: Annotated[float, typer.Option(min=1)] = 20.0,
-    separation_s: Annotated[float, typer.Option(min=0.001)] = 0.5,
-    name: str = "",
-    skip_bad: SkipBad = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
+    **stated: Any,
 ) -> None:
     """Make a dataset of a folder of recorder files: tables, LabVIEW, MATLAB, C3D and others.
 
@@ -68,66 +61,19 @@ def run(
         folder: Folder of recorder files; nothing in it is changed.
         out: Folder for the dataset, new or empty; that of the recordings with -dataset behind unless given.
             The dataset is called after it.
-        pattern: How file names are read; guessed from the names unless given. A name in braces is a column of
-            impacts.csv; {} is what does not matter. mass_g, velocity_cm_s, drop_height_m, _cm and _mm are
-            converted (v = sqrt(2 g h), for a pendulum too). {subject:group} counts
-            anew in each group. With / the folders above the file are read as well.
-        table: A table with a column file, the name of a recording, and a column for each fact; with a column
-            number too, a row for each impact of a recording. Without file it is joined by the columns that
-            names have too, such as subject.
-        shared: A fact that holds for all recordings; may be repeated.
-        channel: The channel with the values.
-        quantity: What it recorded; a deceleration is positive while it slows.
-        unit: Its unit, such as "m/s^2", g or mm, after scale and offset.
-        scale: Raw values are multiplied by it.
-        offset: Added to them after that.
-        time: The channel with the times, if the format has no clock.
-        time_unit: Its unit; s unless stated.
-        rate_hz: The sampling rate, where there are no times.
-        crop: The stretch of every recording that is read, in its unit of time.
-        recorder: An entry of the table [recorder], a known low-pass that the recordings went through:
-            low_pass_hz, order, kind, zero_phase, or sae_class; noise, applied; may be repeated.
-        text: How text files are written, where that is not found rightly: encoding (utf-8, utf-16, cp1252),
-            delimiter (comma, semicolon, tab, pipe, space), decimal (point, comma), thousands (none, point,
-            comma, space, apostrophe), header_row, units_row; may be repeated.
-        uncertainty: How well the measuring chain is known, as a standard deviation: mass and gain as a
-            fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.
-        force: An entry of the table [[channel]] of a force beside the motion: value_column, place
-            (impactor or base), unit, scale, tip_mass_kg, relative_gain_sd, time_column, time_offset_s; may be
-            repeated. The only channel with a unit of force is taken unless given; none leaves it out.
-        gravity: The part of gravity along the motion: none (a pendulum at its lowest point), drop (straight
-            down), or a number of m/s², positive into the tissue. Asked for where a drop height is given.
-        zero: Where an accelerometer read 0; in free fall unless stated.
-        contact: Where contact falls: on a sample, of a recorder that contact triggers and of recordings cut
-            there, or between two, of one that samples at its own pace. All recordings together tell unless
-            given.
-        several: Cut several impacts in one recording apart.
-        threshold: Standard deviations of the noise an impact rises above.
-        separation_s: The least time between two impacts, s.
-        name: Name of the dataset; the folder's if not given.
+        **stated: what the files do not say.
     """
     from bayestissue.commands.console import echo, show
     from bayestissue.errors import more
-    from bayestissue.intake import Choices, Cutting, default_out, prepare, write
+    from bayestissue.intake import choices_of, default_out, prepare, write
 
-    choices = Choices(
-        channel=channel, quantity=quantity, unit=unit, time=time, time_unit=time_unit, rate_hz=rate_hz,
-        scale=scale, offset=offset, crop=crop, pattern=pattern, table=table, zero=zero, contact=contact,
-        gravity=_gravity(gravity),
-        shared=_facts(shared or []),
-        recorder=_entries(recorder or [], "--recorder", "sae_class=180"),
-        text=_entries(text or [], "--text", "decimal=comma"),
-        uncertainty=_uncertainty(uncertainty or []),
-        force="none" if force == ["none"] else _entries(force or [], "--force", "place=base"),
-    )  # fmt: skip
-    intake = prepare(folder, choices)
+    intake = prepare(folder, choices_of(**{name: _read(name, value) for name, value in stated.items()}))
     if intake.questions and not quiet and not as_json and _at_a_terminal():
         intake = _asked(intake)
     elif intake.guess and not quiet and not as_json:
         echo("\n".join(intake.design()))
     out = out or default_out(folder)
-    cutting = Cutting(threshold, separation_s) if several else None
-    built = write(intake, out, name=name, cutting=cutting, skip_bad=skip_bad, overwrite=overwrite)
+    built = write(intake, out, overwrite=overwrite)
     path = built.dataset.folder or out
     if not quiet and not as_json:
         for problem in by_cause(built.left_out):
@@ -144,6 +90,40 @@ def run(
         from bayestissue.commands import datasets
 
         datasets.check(dataset=path, as_json=as_json)
+
+
+def _option(name: str, argument: Parameter, meaning: str) -> tuple[Parameter, str]:
+    """The option of an argument: of a table its entries, of a number or word either, else what it is."""
+    from bayestissue.settings import kinds
+
+    flag, types = _NAMES.get(name, f"--{name.replace('_', '-')}"), kinds(argument.annotation)
+    kind, option, meaning = types[0], typer.Option(flag), meaning[:1].upper() + meaning[1:]
+    if name in _ENTRIES:
+        kind, option = list[str], typer.Option(flag, metavar="KEY=VALUE")
+        if name == "uncertainty":
+            meaning += f" Short for them are {', '.join(_CHAIN)}."
+        meaning += f" An entry such as {_ENTRIES[name]}; may be repeated."
+    elif get_origin(kind) is tuple:
+        kind, option = tuple[float, float], typer.Option(flag, metavar="START STOP")
+    elif len(types) > 1:
+        words = "|".join([*get_args(kind), "NUMBER"])
+        kind, option = Any, typer.Option(flag, metavar=words, parser=_number_or_word)
+    default = None if name in _ENTRIES else argument.default
+    kind = kind if kind is bool else kind | None
+    return argument.replace(annotation=Annotated[kind, option], default=default), meaning
+
+
+def _read(name: str, value: Any) -> Any:
+    """What an option states; None where it was not given."""
+    if name == "given":
+        return _facts(value or [])
+    if name == "force" and value == ["none"]:
+        return "none"
+    if name in _ENTRIES:
+        entries = _entries(value or [], f"--{name}", _ENTRIES[name])
+        names = _CHAIN if name == "uncertainty" else {}
+        return {names.get(key, key): entry for key, entry in entries.items()}
+    return None if value is False else value
 
 
 def _facts(
@@ -187,15 +167,9 @@ def _entries(texts: list[str], option: str, example: str) -> dict[str, Any]:
     return {key: _value(text) for key, text in texts_by_key.items()}
 
 
-def _uncertainty(texts: list[str]) -> dict[str, Any]:
-    """The options ``--uncertainty NAME=SD``, by the keys of ``[uncertainty]`` or their first words."""
-    return {_CHAIN.get(key, key): sd for key, sd in _entries(texts, "--uncertainty", "velocity=0.01").items()}
-
-
-def _gravity(text: str | None) -> str | float | None:
-    """The option ``--gravity``: a word, or a number of m/s²."""
+def _number_or_word(text: str) -> str | float:
     try:
-        return None if text is None else float(text)
+        return float(text)
     except ValueError:
         return text
 

@@ -13,16 +13,16 @@ from types import ModuleType
 from typing import Any
 
 from bayestissue.dataset.arrays import dataset as _from_arrays
-from bayestissue.dataset.chain import Quantity, Recorder, Uncertainty
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.read import as_dataset, read_dataset
+from bayestissue.dataset.settings import LowPassFilter, Quantity, Uncertainty
 from bayestissue.dataset.traces import Trace, Traces
 from bayestissue.dataset.write import write_dataset
 
 __all__ = [
     "Dataset",
+    "LowPassFilter",
     "Quantity",
-    "Recorder",
     "Trace",
     "Traces",
     "Uncertainty",

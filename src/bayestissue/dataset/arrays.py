@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -15,7 +14,6 @@ import pandas as pd
 
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.cells import Records, column_problems
-from bayestissue.dataset.chain import Contact, Quantity, Recorder, Uncertainty
 from bayestissue.dataset.channels import on_first_clock
 from bayestissue.dataset.impacts import impact_table, wanted
 from bayestissue.dataset.model import Dataset
@@ -25,59 +23,41 @@ from bayestissue.dataset.recorders import with_own_clock
 from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import (
+    PLACES,
     ChannelSettings,
-    Gravity,
     Settings,
     SignalSettings,
-    Zero,
+    arguments,
+    content_of,
     parse_settings,
-    stated_table,
+    plain_value,
+    reworded,
 )
-from bayestissue.dataset.tables import FIRST_ROW, Columns, Labels, Numbers
+from bayestissue.dataset.tables import Columns, Labels, Numbers
 from bayestissue.dataset.traces import Trace
+from bayestissue.declarations import taking
 from bayestissue.errors import InputError, Problem, all_of, along_with, refuse
 
-# What messages call the tables; the checks count rows as a spreadsheet does, a caller's from 0.
+# What messages call the tables, and the keys in them.
 _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
 _CALLED = {IMPACTS: "impacts (rows from 0)", SETTINGS: "arguments", _LONG: _LONG, _SINGLE: _SINGLE}
-_WORDS = (
-    (re.compile(r" (in|to|of|than) dataset\.toml"), ""),
-    (re.compile(r"\b(?:signal|impactor)\.(\w+)"), r"\1"),
-    (re.compile(r"\bchannel\.0\b"), "channels"),
-    (re.compile(r"\[\[channel\]\]"), "channel in channels"),
-    (re.compile(r"impacts\.csv"), "the table impacts"),
-    (re.compile(r"\bthe key (\w)"), r"the argument \1"),
-    (re.compile(r"\ba table with\b"), "a dictionary with"),
-    (re.compile(r"\brow (\d+)"), lambda match: f"row {int(match[1]) - FIRST_ROW}"),
-)
+_NAMES = {
+    **{f" {where} {SETTINGS}": "" for where in ("in", "to", "of", "than")},
+    **{place: name for name, place in PLACES.items()},
+    **{"channel.0": "channels", "[[channel]]": "channel in channels", IMPACTS: "the table impacts"},
+    **{"the key ": "the argument ", "a table with": "a dictionary with"},
+}
 
 
+@taking({name: declared for name, declared in arguments().items() if name != "name"})
 def dataset(
     impacts: pd.DataFrame | Mapping[str, Any] | Sequence[Mapping[str, Any]],
     traces: pd.DataFrame | Mapping[Any, Any] | Sequence[Any],
     *,
-    quantity: Quantity,
-    unit: str,
-    time_unit: str = "s",
-    time_column: str = "time_s",
-    value_column: str = "value",
-    scale: float = 1.0,
-    offset: float = 0.0,
-    limit: float | None = None,
-    gravity: Gravity | None = None,
-    zero: Zero = "free_fall",
-    contact: Contact | None = None,
-    uncertainty: Mapping[str, float] | Uncertainty | None = None,
-    recorder: Mapping[str, Any] | Recorder | None = None,
     channels: Mapping[str, Mapping[str, Any]] | Sequence[Mapping[str, Any]] | None = None,
-    headform: bool = False,
-    words: Mapping[str, str] | None = None,
     name: str = "from arrays",
-    description: str = "",
-    licence: str = "",
-    source: str = "",
-    site: str = "",
     skip_bad: bool = False,
+    **stated: Any,
 ) -> Dataset:
     """A dataset from pandas tables or arrays, checked as `read_dataset` checks a folder.
 
@@ -90,66 +70,27 @@ def dataset(
             or by the impact's name, or in the order of ``impacts``, each a table of these two columns, a
             pair (time, value), an array of two rows or two columns, times first, or a `Trace`. What a masked
             array hides is left out at either end of a recording, and refused between.
-        quantity: "deceleration", "acceleration" or "displacement".
-        unit: of the recorded values, such as "m/s^2", "g_0" or "mm".
-        time_unit: of the times.
-        time_column: its name in tables of ``traces``.
-        value_column: the name of the values' column there.
-        scale: by which the values are multiplied before the unit.
-        offset: added to them after that.
-        limit: the sensor's range in that unit, on either side: samples there are taken as that or beyond.
-            Where it is not given, recordings that share their greatest value, or have a plateau, tell it.
-        gravity: the part of gravity along the motion: "none" (taken unless given), "drop" (straight down), or
-            a number of m/s², positive into the tissue.
-        zero: where an accelerometer read 0: "free_fall" or "rest".
-        contact: where contact falls, "between" samples or "on_sample"; all recordings together tell unless
-            given.
-        uncertainty: standard deviations of the measuring chain, by the keys of ``[uncertainty]``.
-        recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]``.
         channels: a further channel of the same impacts, by its name: a dictionary with the keys of a table
             ``[[channel]]`` (``quantity``, ``place``, ``unit`` ...) and ``traces``, its recordings in any form
             that ``traces`` may have; without it ``value_column`` is its column in the long table ``traces``.
             A list of such dictionaries with a ``name`` each is taken too.
-        headform: whether the impactor stands for a head, whose impacts have the head injury criterion too.
-        words: what pages call people, conditions and impacts, by the keys of ``[words]``.
         name: of the dataset.
-        description: free text.
-        licence: free text.
-        source: free text.
-        site: what was hit, as ``site`` of ``dataset.toml``, for published values of the same to be shown.
         skip_bad: leave out impacts with something wrong, and say so in ``left_out``.
+        **stated: keys of ``dataset.toml``, its tables as dictionaries.
 
     Raises:
         InputError: everything that is wrong, each with its table, row (counted from 0), column and value,
             what was expected and how to mend it.
     """
-    optional = {"gravity": gravity, "contact": contact, "limit": limit}
-    tables = {
-        "uncertainty": None if uncertainty is None else _mapped(_plain, stated_table(uncertainty)),
-        "recorder": None if recorder is None else _mapped(_python, stated_table(recorder)),
-        "impactor": {"headform": headform} if headform else None,
-        "words": None if words is None else dict(words),
-    }
-    content: dict[str, Any] = {
-        **{"name": name, "description": description, "licence": licence, "source": source},
-        **({"site": site} if site else {}),
-        "signal": {
-            **{"quantity": quantity, "unit": unit, "time_unit": time_unit, "zero": zero},
-            **{"time_column": time_column, "value_column": value_column},
-            **{"scale": _plain(scale), "offset": _plain(offset)},
-            **{key: _plain(value) for key, value in optional.items() if value is not None},
-        },
-        **{key: table for key, table in tables.items() if table is not None},
-    }
     with _in_the_callers_words():
-        channels = _by_name(channels)
+        content, channels = content_of({"name": name, **stated}), _by_name(channels)
         if channels:
+            value_column = stated.get("value_column", SignalSettings.model_fields["value_column"].default)
             content["channel"] = _stated_channels(channels, value_column)
         settings = parse_settings(content)
         needs_velocity = settings.needs_velocity
         names, body = _texts(impacts)
-        numbers = range(FIRST_ROW, len(body) + FIRST_ROW)
-        cells, rows = Records(names, body, numbers).cells(wanted(needs_velocity=needs_velocity))
+        cells, rows = Records(names, body, range(len(body))).cells(wanted(needs_velocity=needs_velocity))
         table = impact_table(cells, rows, needs_velocity=needs_velocity)
         listed = cells["impact"].tolist()
         with along_with(table.problems):
@@ -163,8 +104,7 @@ def dataset(
     warnings, left_out = (
         tuple(map(_in_words, problems)) for problems in (checked.warnings, checked.left_out)
     )
-    counted_from_0 = {impact: row - FIRST_ROW for impact, row in checked.rows.items()}
-    return replace(checked, warnings=warnings, left_out=left_out, table=_CALLED[IMPACTS], rows=counted_from_0)
+    return replace(checked, warnings=warnings, left_out=left_out, table=_CALLED[IMPACTS])
 
 
 @contextmanager
@@ -177,19 +117,7 @@ def _in_the_callers_words() -> Iterator[None]:
 
 def _in_words(problem: Problem) -> Problem:
     """The problem in the words of the caller: tables and arguments instead of files and keys."""
-    texts = {"expected": problem.expected, "remedy": problem.remedy, "column": problem.column or ""}
-    for pattern, words in _WORDS:
-        texts = {key: pattern.sub(words, text) for key, text in texts.items()}
-    row = None if problem.row is None or problem.row < FIRST_ROW else problem.row - FIRST_ROW
-    changed: dict[str, Any] = {**texts, "column": texts["column"] or None}
-    return replace(problem, file=_CALLED.get(problem.file, problem.file), row=row, **changed)
-
-
-def _mapped(function: Callable[[Any], Any], table: Any) -> Any:
-    """``function`` of each value of a table; what is none is left for the settings to refuse."""
-    return (
-        {str(key): function(value) for key, value in table.items()} if isinstance(table, Mapping) else table
-    )
+    return replace(reworded(problem, _NAMES), file=_CALLED.get(problem.file, problem.file))
 
 
 def _by_name(channels: Any) -> Any:
@@ -214,18 +142,12 @@ def _stated_channels(channels: Any, value_column: str) -> Any:
             where = SETTINGS, None, "channel.0.file", said["file"]
             raise InputError.stated("unknown-key", *where, allowed=allowed)
     return [
-        {"name": str(name), **{str(key): _stated(value) for key, value in said.items() if key != "traces"}}
+        {"name": str(name), **{key: value for key, value in plain_value(said).items() if key != "traces"}}
         | ({"value_column": said.get("value_column", value_column)} if "traces" in said else {})
         if isinstance(said, Mapping)
         else said
         for name, said in channels.items()
     ]
-
-
-def _stated(value: Any) -> Any:
-    """An entry of a channel: a low-pass as its table, any other as Python's."""
-    low_pass = isinstance(value, Mapping | Recorder)
-    return _mapped(_python, stated_table(value)) if low_pass else _plain(value)
 
 
 def _further(
@@ -247,17 +169,6 @@ def _further(
     except InputError as error:
         raise InputError(replace(problem, file=problem.file + suffix) for problem in error.problems) from None
     return on_first_clock(long_reading(label + suffix, columns, rows, impacts, signal), channel)
-
-
-def _python(value: Any) -> Any:
-    """A NumPy number as Python's, which settings are checked as."""
-    return value.item() if isinstance(value, np.generic) else value
-
-
-def _plain(value: Any) -> Any:
-    """The value as Python's, whole numbers as floats."""
-    value = _python(value)
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
@@ -300,7 +211,7 @@ def _columns(
         if not len(codes):
             raise InputError.stated("no-rows.samples", _LONG, value="no rows")
         all_names = tuple(map(str, traces))
-        return _LONG, Columns(numbers, {"impact": labels}, names=all_names), np.arange(len(codes)) + FIRST_ROW
+        return _LONG, Columns(numbers, {"impact": labels}, names=all_names), np.arange(len(codes))
     if isinstance(traces, Mapping):
         named = [(plain_text(name), trace) for name, trace in traces.items()]
     elif isinstance(traces, Sequence) and not isinstance(traces, str) and len(traces) == len(impacts):
@@ -312,7 +223,7 @@ def _columns(
     count = [len(times.array) for _, times, _ in pairs]
     labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
     row_ranges = (first + np.arange(number) for (first, *_), number in zip(pairs, count, strict=True))
-    rows = np.concatenate([np.empty(0, int), *row_ranges]) + FIRST_ROW
+    rows = np.concatenate([np.empty(0, int), *row_ranges])
     parts = zip(columns, ([times for _, times, _ in pairs], [values for *_, values in pairs]), strict=True)
     numbers = {name: Numbers.joined(part) for name, part in parts}
     return _SINGLE, Columns(numbers, {"impact": labels}), rows
@@ -368,7 +279,7 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Number
 
 
 def _hash(settings: Settings, cells: pd.DataFrame, readings: Sequence[Reading]) -> str:
-    digest = hashlib.sha256(json.dumps(settings.model_dump(mode="json"), sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps(settings.model_dump(exclude_defaults=True), sort_keys=True).encode())
     digest.update(cells.to_csv(index=False).encode())
     for samples in (reading.samples for reading in readings):
         for array in (samples.impact, samples.start, samples.time_s, samples.value):

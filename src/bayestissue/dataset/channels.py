@@ -12,11 +12,10 @@ from jaxtyping import Float64
 
 from bayestissue.dataset.checks import OF_SAMPLES, check_recordings
 from bayestissue.dataset.impacts import ImpactTable
-from bayestissue.dataset.model import Channel
 from bayestissue.dataset.reading import read_files, read_long
 from bayestissue.dataset.recordings import Reading, Recordings, Windows, crop, with_limits
 from bayestissue.dataset.settings import ChannelSettings, Settings, SignalSettings
-from bayestissue.dataset.traces import MIN_SAMPLES, Traces
+from bayestissue.dataset.traces import MIN_SAMPLES
 from bayestissue.errors import Problem, all_of
 
 
@@ -81,13 +80,6 @@ def checked_channel(
         samples=samples,
         problems=[*reading.problems, *problems, *findings.problems, *_unfit(findings.sound, first)],
     )
-
-
-def declared(channel: ChannelSettings, traces: Traces) -> Channel:
-    """The channel as a `Dataset` carries it."""
-    recorder = channel.recorder.values() if channel.recorder else None
-    known = channel.relative_gain_sd, channel.tip_mass_kg, recorder
-    return Channel(channel.name, channel.quantity, channel.place, traces, *known)
 
 
 def _unfit(recordings: Recordings, first: Recordings) -> Iterator[Problem]:

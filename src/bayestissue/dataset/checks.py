@@ -13,11 +13,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.motion import Motion
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.recordings import Recordings, Samples
-from bayestissue.dataset.settings import FILE
+from bayestissue.dataset.settings import FILE, STANDARD_GRAVITY
 from bayestissue.dataset.traces import EVEN_WITHIN, LIMITS, MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.twins import recording_twice
 from bayestissue.errors import Problem

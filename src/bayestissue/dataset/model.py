@@ -12,120 +12,137 @@ import pandas as pd
 from jaxtyping import Bool
 
 from bayestissue.dataset.cells import FILE as IMPACTS
-from bayestissue.dataset.chain import (
-    ChannelQuantity,
+from bayestissue.dataset.impacts import counts, of_phantoms
+from bayestissue.dataset.settings import (
+    ChannelSettings,
     Contact,
-    Place,
+    LowPassFilter,
     Quantity,
-    Recorder,
+    Settings,
+    SignalSettings,
     Uncertainty,
 )
-from bayestissue.dataset.impacts import counts, of_phantoms
 from bayestissue.dataset.traces import Traces
 from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
 
 
 @dataclass(frozen=True, eq=False)
-class Channel:
-    """A further channel of the same impacts, as ``[[channel]]`` of ``dataset.toml`` declares it.
-
-    A force F is that on what lies behind the sensor: of an impactor of mass M with the sensor behind a tip of
-    mass m, F = (M - m) d; below the tissue, F = M d. d is the deceleration that `Dataset.traces` have, which
-    along gravity is force over mass.
-
-    Attributes:
-        name: what pages and messages call it.
-        quantity: what was recorded.
-        place: where: "impactor" or "base".
-        traces: the recordings, in the order of the dataset's impacts, on the first channel's clock; a force
-            in N, positive while the impactor slows.
-        relative_gain_sd: standard deviation of its sensitivity, as a fraction of it; one error for all
-            impacts.
-        tip_mass_kg: m.
-        recorder: a known low-pass that it went through; None where nothing was declared.
-    """
-
-    name: str
-    quantity: ChannelQuantity
-    place: Place
-    traces: Traces
-    relative_gain_sd: float = 0.0
-    tip_mass_kg: float = 0.0
-    recorder: Recorder | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "traces", Traces.of(self.traces))
-
-    def part(self, rows: slice | list[int]) -> Channel:
-        """Of some of the impacts."""
-        return replace(self, traces=self.traces[rows])
-
-    def __str__(self) -> str:
-        behind = f", behind a tip of {self.tip_mass_kg:g} kg" if self.tip_mass_kg else ""
-        filtered = f", {self.recorder}" if self.recorder else ""
-        return f"{self.name}: {self.quantity} at the {self.place}{behind}{filtered}"
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Dataset(Outlined):
     """A checked dataset.
 
+    A force F beside the first channel is that on what lies behind its sensor: of an impactor of mass M with
+    the sensor behind a tip of mass m, F = (M - m) d; below the tissue, F = M d. d is the deceleration that
+    ``traces`` have, which along gravity is force over mass.
+
     Attributes:
-        name: what ``dataset.toml`` calls it.
-        description: free text.
+        settings: what ``dataset.toml`` says, of recordings in SI units.
         impacts: one row per impact: ``impact``, ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s``
             (missing where a displacement was recorded without one) and the covariates.
         traces: the recordings, in the order of ``impacts``; any sequence of `Trace` will do.
-        quantity: what was recorded; the sign of ``traces`` follows from it.
-        uncertainty: of the measuring chain.
+        further: those of each further channel of the same impacts, on the first channel's clock; a force in
+            N, positive while the impactor slows.
         warnings: what looks odd but stops nothing.
         left_out: what was wrong with the impacts that ``skip_bad`` left out.
         folder: where it was read from; none if it was made from arrays.
         input_hash: SHA-256 over the files that were read, or over the arrays.
-        words: the table ``[words]``, what pages call people, conditions and impacts: see
-            `bayestissue.words.Words`.
         whole_hash: of a folder, the same but for ``left_out.csv``: it stays when an impact is left out.
-        licence: on what terms others may use it.
-        source: where it comes from.
-        site: what was hit, one of `bayestissue.literature.SITES`; empty where that was not stated.
-        recorder: a known low-pass that the recordings went through; none where nothing was declared.
-        gravity: g, the part of gravity along the motion, m/s², positive into the tissue; 0 of a horizontal
-            impact. The impactor obeys x'' = g - F / M, and a deceleration in ``traces`` is F / M = g - x'',
-            which is 0 in free fall; an acceleration is its negative. A sensor whose zero is at rest reads
-            g less of it, which was added as the recordings were read.
-        headform: whether the impactor stands for a head.
-        contact: where contact falls, "between" samples or "on_sample"; None where nothing was declared.
         table: what messages call the table that ``impacts`` was read from.
         rows: of each impact, by its name, the row there; none where it was read from no table.
-        channels: further channels of the same impacts.
     """
 
-    name: str
-    description: str
+    settings: Settings
     impacts: pd.DataFrame
     traces: Traces
-    quantity: Quantity
-    uncertainty: Uncertainty
-    warnings: tuple[Problem, ...]
-    left_out: tuple[Problem, ...]
-    folder: Path | None
-    input_hash: str
-    licence: str = ""
-    source: str = ""
-    site: str = ""
-    recorder: Recorder | None = None
-    gravity: float = 0.0
-    headform: bool = False
+    further: tuple[Traces, ...] = ()
+    warnings: tuple[Problem, ...] = ()
+    left_out: tuple[Problem, ...] = ()
+    folder: Path | None = None
+    input_hash: str = ""
     whole_hash: str = ""
-    words: Mapping[str, str] = field(default_factory=dict)
-    contact: Contact | None = None
     table: str = IMPACTS
     rows: Mapping[str, int] = field(default_factory=dict)
-    channels: tuple[Channel, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """What ``dataset.toml`` calls it."""
+        return self.settings.name
+
+    @property
+    def description(self) -> str:
+        """Free text."""
+        return self.settings.description
+
+    @property
+    def licence(self) -> str:
+        """On what terms others may use it."""
+        return self.settings.licence
+
+    @property
+    def source(self) -> str:
+        """Where it comes from."""
+        return self.settings.source
+
+    @property
+    def site(self) -> str:
+        """What was hit, one of `bayestissue.literature.SITES`; empty where that was not stated."""
+        return self.settings.site
+
+    @property
+    def headform(self) -> bool:
+        """Whether the impactor stands for a head."""
+        return self.settings.impactor.headform
+
+    @property
+    def quantity(self) -> Quantity:
+        """What was recorded; the sign of ``traces`` follows from it."""
+        return self.settings.signal.quantity
+
+    @property
+    def contact(self) -> Contact | None:
+        """Where contact falls, "between" samples or "on_sample"; None where nothing was declared."""
+        return self.settings.signal.contact
+
+    @property
+    def gravity(self) -> float:
+        """g, the part of gravity along the motion, m/s², positive into the tissue; 0 of a horizontal impact.
+
+        The impactor obeys x'' = g - F / M, and a deceleration in ``traces`` is F / M = g - x'', which is 0 in
+        free fall; an acceleration is its negative. A sensor whose zero is at rest reads g less of it, which
+        was added as the recordings were read.
+        """
+        return self.settings.signal.gravity_m_s2
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """Standard deviations of the measuring chain."""
+        return self.settings.uncertainty
+
+    @property
+    def recorder(self) -> LowPassFilter | None:
+        """A known low-pass that the recordings went through; none where nothing was declared."""
+        return self.settings.recorder
+
+    @property
+    def channels(self) -> tuple[ChannelSettings, ...]:
+        """What is declared of each of ``further``."""
+        return self.settings.channel
+
+    @property
+    def words(self) -> dict[str, str]:
+        """What pages call people, conditions and impacts: see `bayestissue.words.Words`."""
+        return self.settings.words.values()
+
+    def with_settings(self, **stated: Any) -> Dataset:
+        """The same recordings of a dataset that states something else, by keys of ``[signal]`` or tables."""
+        of_signal = {key: stated.pop(key) for key in SignalSettings.model_fields if key in stated}
+        signal = self.settings.signal.model_copy(update=of_signal)
+        return replace(self, settings=self.settings.model_copy(update={**stated, "signal": signal}))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "traces", Traces.of(self.traces))
+        object.__setattr__(self, "further", tuple(map(Traces.of, self.further)))
 
     def part(self, rows: slice | list[int]) -> Dataset:
         """The dataset of some of its impacts, by their position."""
@@ -133,7 +150,7 @@ class Dataset(Outlined):
             self,
             impacts=self.impacts.iloc[rows],
             traces=self.traces[rows],
-            channels=tuple(channel.part(rows) for channel in self.channels),
+            further=tuple(traces[rows] for traces in self.further),
         )
 
     @property
@@ -178,39 +195,20 @@ class Dataset(Outlined):
         from bayestissue.dataset.write import write_dataset
         from bayestissue.results import claim
 
-        free_text = {
-            name: getattr(self, name) for name in ("name", "description", "licence", "source", "site")
-        }
-        unit = "m" if self.quantity == "displacement" else "m/s^2"
-        settings = {name: text for name, text in free_text.items() if text} | {
-            "signal": {"quantity": self.quantity, "unit": unit, "gravity": self.gravity or "none"},
-            "uncertainty": self.uncertainty.settings(),
-        }
-        if self.headform:
-            settings["impactor"] = {"headform": True}
-        if self.words:
-            settings["words"] = dict(self.words)
-        if self.contact is not None:
-            settings["signal"] |= {"contact": self.contact}
-        settings["signal"] |= _limit(self.traces)
-        if self.recorder is not None:
-            settings["recorder"] = self.recorder.settings()
         names = pd.Index(self.impacts["impact"])
-        further = {
-            f"{channel.quantity}.csv.gz": long_table(names, channel.traces) for channel in self.channels
-        }
-        if further:
-            settings["channel"] = [
-                channel_settings(channel) | {"file": file}
-                for channel, file in zip(self.channels, further, strict=True)
-            ]
-        traces = long_table(names, self.traces)
+        settings = self.settings.stated()
+        settings["signal"] |= _limit(self.traces)
+        further = {}
+        for channel, traces in zip(settings.get("channel", ()), self.further, strict=True):
+            channel |= _limit(traces)
+            further[channel["file"]] = long_table(names, traces)
+        tables: Any = {"traces": long_table(names, self.traces), "further": further}
         impacts, folder = self.impacts.drop(columns="trace", errors="ignore"), Path(path)
         with (
             claim(folder, overwrite=overwrite, command="write", inputs=(self.folder,)) as target,
             target.folder() as staging,
         ):
-            write_dataset(staging, settings=settings, impacts=impacts, traces=traces, further=further)
+            write_dataset(staging, settings=settings, impacts=impacts, **tables)
         return folder
 
     def _outline(self) -> tuple[str, Rows]:
@@ -246,11 +244,3 @@ def long_table(impacts: pd.Index, traces: Traces) -> pd.DataFrame:
     """All samples in one table: ``impact``, ``time_s`` and ``value``."""
     codes = pd.Categorical.from_codes(traces.owner, impacts)
     return pd.DataFrame({"impact": codes, "time_s": traces.time_s, "value": traces.value})
-
-
-def channel_settings(channel: Channel) -> dict[str, Any]:
-    """The keys of a table ``[[channel]]``, but for where its values stand."""
-    known = {name: getattr(channel, name) for name in ("relative_gain_sd", "tip_mass_kg")}
-    stated = {"name": channel.name, "quantity": channel.quantity, "place": channel.place, "unit": "N"}
-    recorder = {} if channel.recorder is None else {"recorder": channel.recorder.settings()}
-    return stated | _limit(channel.traces) | {n: value for n, value in known.items() if value} | recorder

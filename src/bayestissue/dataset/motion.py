@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 
-from bayestissue.dataset.chain import Quantity
 from bayestissue.dataset.plausible import PLAUSIBLE
+from bayestissue.dataset.settings import Quantity
 from bayestissue.dataset.traces import Traces
 
 

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY
-from bayestissue.dataset.channels import checked_channel, declared, read_channels
+from bayestissue.dataset.channels import checked_channel, read_channels
 from bayestissue.dataset.checks import check_recordings, stated_problems
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
@@ -23,7 +22,7 @@ from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.reading import find_long, read_files, read_long
 from bayestissue.dataset.recordings import Reading, Recordings, Windows, crop, with_limits
 from bayestissue.dataset.settings import FILE as SETTINGS
-from bayestissue.dataset.settings import Settings, SignalSettings, read_settings
+from bayestissue.dataset.settings import STANDARD_GRAVITY, Settings, SignalSettings, read_settings
 from bayestissue.errors import InputError, Problem, along_with, collected
 from bayestissue.runtime import content_hash
 
@@ -147,13 +146,8 @@ def checked_dataset(
     # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
     samples, outside = crop(reading.samples, Windows.stated(impacts, signal), impacts["impact"].tolist())
     samples = with_limits(samples, signal.quantity, signal.limits_si)
-    chain: dict[str, Any] = {
-        "quantity": signal.quantity,
-        "uncertainty": settings.uncertainty.values(),
-        "gravity": signal.gravity_m_s2,
-        "recorder": settings.recorder.values() if settings.recorder else None,
-    }
-    recordings = Recordings(samples, impacts, **chain).without(chosen)
+    chain: Any = {"gravity": signal.gravity_m_s2, "recorder": settings.recorder}
+    recordings = Recordings(samples, impacts, signal.quantity, settings.uncertainty, **chain).without(chosen)
     findings = check_recordings(recordings)
     problems = [p for p in (*reading.problems, *outside) if p.impact not in by_hand.by_impact]
     problems += findings.problems
@@ -172,26 +166,15 @@ def checked_dataset(
     warnings += [*table.warnings, *_falls_contradicted(signal, table), *findings.warnings]
     keep = ~impacts["impact"].isin(list(bad)).to_numpy()
     return Dataset(
-        name=settings.name,
-        description=settings.description,
-        impacts=impacts[keep].reset_index(drop=True),
-        traces=samples.kept(keep),
+        settings.in_si(),
+        impacts[keep].reset_index(drop=True),
+        samples.kept(keep),
+        tuple(one.samples.kept(keep) for one in channels),
         warnings=tuple(warning for warning in warnings if warning.impact not in bad),
         left_out=tuple(problems),
         folder=folder,
         input_hash=input_hash,
-        licence=settings.licence,
-        source=settings.source,
-        site=settings.site,
-        headform=settings.impactor.headform,
-        words=settings.words.values(),
-        contact=signal.contact,
         rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),
-        channels=tuple(
-            declared(channel, one.samples.kept(keep))
-            for channel, one in zip(settings.channel, channels, strict=True)
-        ),
-        **chain,
     )
 
 

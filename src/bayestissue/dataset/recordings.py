@@ -12,9 +12,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float64, Int, Shaped
 
-from bayestissue.dataset.chain import ChannelQuantity, Quantity, Recorder, Uncertainty
 from bayestissue.dataset.motion import Motion, motion
-from bayestissue.dataset.settings import SignalSettings
+from bayestissue.dataset.settings import ChannelQuantity, LowPassFilter, Quantity, SignalSettings, Uncertainty
 from bayestissue.dataset.tables import BEYOND_LIMIT
 from bayestissue.dataset.traces import Traces, at_limit
 from bayestissue.dataset.units import to_si
@@ -218,7 +217,7 @@ class Recordings:
     quantity: Quantity
     uncertainty: Uncertainty
     gravity: float = 0.0
-    recorder: Recorder | None = None
+    recorder: LowPassFilter | None = None
 
     @cached_property
     def name(self) -> Shaped[np.ndarray, " impact"]:

@@ -2,39 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     ConfigDict,
     Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 
-from bayestissue.dataset.chain import (
-    STANDARD_GRAVITY,
-    Applied,
-    ChannelQuantity,
-    Contact,
-    FilterKind,
-    NoiseEntry,
-    Place,
-    Quantity,
-    Recorder,
-    SaeClass,
-    Uncertainty,
-)
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.errors import InputError, Problem, collected, has_control_characters, refuse
 from bayestissue.literature import SITES
-from bayestissue.settings import Table, checked, parse_toml, read_text, row_of
+from bayestissue.settings import Argument, Table, argument, checked, parse_toml, read_text, row_of
 
 FILE = "dataset.toml"
+STANDARD_GRAVITY = 9.80665
+Quantity = Literal["deceleration", "acceleration", "displacement"]
+ChannelQuantity = Literal["force"]
+Contact = Literal["between", "on_sample"]
+Place = Literal["impactor", "base"]
+SaeClass = Literal[60, 180, 600, 1000]
 
 
 # SAE J211-1, appendix C: a filter of two poles with its corner here, run forwards and backwards, has its
@@ -47,6 +45,11 @@ DIMENSIONS: dict[str, Dimension] = {
 }  # fmt: skip
 # The same of a further channel.
 CHANNEL_DIMENSIONS: dict[str, Dimension] = {"force": "force"}
+# Keys that say how a channel stands in its files, and nothing of what was measured.
+_OF_FILES = {
+    *("unit", "scale", "offset", "limit", "zero", "crop", "file", "time_offset_s"),
+    *("time_unit", "time_column", "value_column", *Stated.model_fields),
+}
 _GRAVITIES = {"none": 0.0, "drop": STANDARD_GRAVITY}
 
 
@@ -99,8 +102,8 @@ def _one(channels: tuple[Any, ...]) -> tuple[Any, ...]:
     return channels
 
 
-def _stretch(ends: list[float]) -> list[float]:
-    if len(ends) != 2 or not ends[0] < ends[1]:
+def _stretch(ends: tuple[float, ...]) -> tuple[float, ...]:
+    if len(ends) != 2 or not -math.inf < ends[0] < ends[1] < math.inf:
         raise ValueError("two numbers [start, stop], the first the smaller")
     return ends
 
@@ -125,11 +128,6 @@ def gravity_m_s2(gravity: Gravity) -> float:
     return _GRAVITIES[gravity] if isinstance(gravity, str) else gravity
 
 
-def stated_table(value: Uncertainty | Recorder | Mapping[str, Any]) -> Any:
-    """A table of ``dataset.toml`` as its plain object has it, or as somebody wrote it."""
-    return value.settings() if isinstance(value, Uncertainty | Recorder) else value
-
-
 class _Table(Table):
     model_config = ConfigDict(strict=True)
 
@@ -141,15 +139,15 @@ class SignalSettings(Stated):
         quantity: what was recorded. deceleration: positive while the impactor slows. acceleration: the
             negative of that. displacement: into the tissue, positive.
         unit: the unit of the recorded values after scale and offset: m/s^2, g, mm, µm ...
+        value_column: the column, channel or variable with the values. A recorder file of one channel needs no
+            name.
+        time_column: the column, channel or variable with the times.
+        time_unit: the unit of the times: s, ms, µs ...
+        scale: raw values are multiplied by it; not 0.
+        offset: is added to them after that.
         limit: the sensor's range in that unit, on either side of its zero: samples there are taken as that or
             beyond. Left out, the greatest value that several recordings share is the limit, and a plateau in
             one of them.
-        time_unit: the unit of the times: s, ms, µs ...
-        time_column: the column, channel or variable with the times.
-        value_column: the column, channel or variable with the values. A recorder file of one channel needs no
-            name.
-        scale: raw values are multiplied by it; not 0.
-        offset: is added to them after that.
         gravity: the part of gravity along the motion: none (a pendulum at its lowest point, a horizontal
             impact), drop (straight down), or a number of m/s², positive into the tissue.
         zero: where an accelerometer read 0: free_fall (it reads force over mass; so it does where a quiet
@@ -163,16 +161,16 @@ class SignalSettings(Stated):
 
     quantity: Quantity
     unit: Name
-    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    time_unit: Name = "s"
-    time_column: Name = "time_s"
     value_column: Name = "value"
+    time_column: Name = "time_s"
+    time_unit: Name = "s"
     scale: Annotated[Finite, AfterValidator(_not_zero)] = 1.0
     offset: Finite = 0.0
+    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     gravity: Gravity = "none"
     zero: Zero = "free_fall"
     contact: Contact | None = None
-    crop: Annotated[list[Finite], AfterValidator(_stretch)] | None = None
+    crop: Annotated[tuple[float, ...], BeforeValidator(_listed), AfterValidator(_stretch)] | None = None
 
     @property
     def dimension(self) -> Dimension:
@@ -191,6 +189,12 @@ class SignalSettings(Stated):
             return 0.0
         return -self.gravity_m_s2 if self.quantity == "acceleration" else self.gravity_m_s2
 
+    def in_si(self) -> Self:
+        """The same of recordings in SI units, force over mass where there is gravity."""
+        kept = {key: getattr(self, key) for key in self.model_fields_set - _OF_FILES}
+        unit = "m" if self.dimension == "length" else "m/s^2"
+        return type(self)(**kept | {"unit": unit, "gravity": self.gravity_m_s2 or "none"})
+
     @property
     def limits_si(self) -> tuple[float, float] | None:
         """What a value at the sensor's lower and upper limit is in m/s² or m; None where none is stated."""
@@ -200,8 +204,10 @@ class SignalSettings(Stated):
         return self.below_force - limit, self.below_force + limit
 
 
-class RecorderSettings(_Table):
+class LowPassFilter(_Table):
     """The table ``[recorder]``: a known low-pass between the sensor and the file.
+
+    Of an SAE class it has the corner, order, kind and direction that the class stands for.
 
     Attributes:
         low_pass_hz: the -3 dB corner of the filter run once, a number of Hz above 0
@@ -215,32 +221,53 @@ class RecorderSettings(_Table):
             sae_class, else analog
     """
 
-    low_pass_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    low_pass_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 0.0
     order: Annotated[int, Field(ge=1, le=MOST_POLES)] = Field(
         default=2, description=f"the number of the filter's poles, 1 to {MOST_POLES}"
     )
-    kind: FilterKind = "butterworth"
+    kind: Literal["butterworth", "bessel"] = "butterworth"
     zero_phase: bool = False
     sae_class: SaeClass | None = None
-    noise: NoiseEntry | None = None
-    applied: Applied | None = None
+    noise: Literal["before", "after"] | None = None
+    applied: Literal["analog", "digital"] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_class(cls, stated: Any) -> Any:
+        if isinstance(stated, Mapping) and stated.get("sae_class") in get_args(SaeClass):
+            return {**_meaning(stated["sae_class"]), **stated}
+        return stated
 
     @model_validator(mode="after")
     def _either(self) -> Self:
-        if self.sae_class is None and self.low_pass_hz is None:
+        if not self.low_pass_hz:
             raise ValueError("low_pass_hz, or sae_class")
-        if self.sae_class is not None and self.model_fields_set - {"sae_class", "noise", "applied"}:
+        if self.sae_class and any(getattr(self, k) != v for k, v in _meaning(self.sae_class).items()):
             raise ValueError("sae_class by itself, since it says corner, order, kind and direction")
         return self
 
-    def values(self) -> Recorder:
-        """The same as the plain object a `Dataset` carries."""
-        stated: dict[str, Any] = {"noise": self.noise, "applied": self.applied}
+    @model_serializer(mode="wrap")
+    def _by_class(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        implied = _meaning(self.sae_class) if self.sae_class else {}
+        return {key: value for key, value in written(self).items() if key not in implied}
+
+    @property
+    def digital(self) -> bool:
+        """Whether it is a digital filter of the samples; one of zero phase can be no other unless stated."""
+        return self.zero_phase if self.applied is None else self.applied == "digital"
+
+    def __str__(self) -> str:
+        stated = f", {self.applied}" if self.applied else ""
+        stated += f", noise {self.noise} it" if self.noise else ""
         if self.sae_class is not None:
-            corner = SAE_CORNER * self.sae_class
-            return Recorder(corner, zero_phase=True, sae_class=self.sae_class, **stated)
-        assert self.low_pass_hz is not None  # noqa: S101 - for the type checker
-        return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase, **stated)
+            return f"SAE class {self.sae_class}{stated}"
+        directions = ", forwards and backwards" if self.zero_phase else ""
+        return f"{self.kind}, order {self.order}, {self.low_pass_hz:g} Hz{directions}{stated}"
+
+
+def _meaning(sae_class: int) -> dict[str, Any]:
+    """The other keys of a low-pass of that class."""
+    return {"low_pass_hz": SAE_CORNER * sae_class, "order": 2, "kind": "butterworth", "zero_phase": True}
 
 
 class ChannelSettings(_Table):
@@ -280,7 +307,7 @@ class ChannelSettings(_Table):
     time_offset_s: Finite = 0.0
     relative_gain_sd: Fraction = 0.0
     tip_mass_kg: Spread = 0.0
-    recorder: RecorderSettings | None = None
+    recorder: LowPassFilter | None = None
 
     @model_validator(mode="after")
     def _somewhere(self) -> Self:
@@ -304,8 +331,18 @@ class ChannelSettings(_Table):
         }
         return first.model_copy(update=overrides)
 
+    def in_si(self) -> Self:
+        """The same of recordings in SI units in a table of their own."""
+        kept = {key: getattr(self, key) for key in self.model_fields_set - _OF_FILES}
+        return type(self)(**kept | {"unit": "N", "file": f"{self.quantity}.csv.gz"})
 
-class UncertaintySettings(_Table):
+    def __str__(self) -> str:
+        behind = f", behind a tip of {self.tip_mass_kg:g} kg" if self.tip_mass_kg else ""
+        filtered = f", {self.recorder}" if self.recorder else ""
+        return f"{self.name}: {self.quantity} at the {self.place}{behind}{filtered}"
+
+
+class Uncertainty(_Table):
     """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units.
 
     Attributes:
@@ -319,10 +356,6 @@ class UncertaintySettings(_Table):
     velocity_sd_m_s: Spread = 0.0
     relative_gain_sd: Fraction = 0.0
     offset_sd: Spread = 0.0
-
-    def values(self) -> Uncertainty:
-        """The same as the plain object a `Dataset` carries."""
-        return Uncertainty(**self.model_dump())
 
 
 class ImpactorSettings(_Table):
@@ -378,7 +411,7 @@ class Settings(_Table):
         signal: what was recorded and in which units.
         channel: a table [[channel]]: one further channel of the same impacts.
         uncertainty: standard deviations of the measuring chain; a fit carries each into its intervals.
-        recorder: a table [recorder] with low_pass_hz, or with sae_class
+        recorder: a table [recorder] with low_pass_hz, or with sae_class: a low-pass between sensor and file.
         impactor: what hits.
         words: what pages, papers and messages call the units of the study.
     """
@@ -395,10 +428,19 @@ class Settings(_Table):
     )
     signal: SignalSettings
     channel: Annotated[tuple[ChannelSettings, ...], BeforeValidator(_listed), AfterValidator(_one)] = ()
-    uncertainty: UncertaintySettings = UncertaintySettings()
-    recorder: RecorderSettings | None = None
+    uncertainty: Uncertainty = Uncertainty()
+    recorder: LowPassFilter | None = None
     impactor: ImpactorSettings = ImpactorSettings()
     words: WordSettings = WordSettings()
+
+    def in_si(self) -> Self:
+        """The same of recordings in SI units, as a `Dataset` has them."""
+        channel = tuple(channel.in_si() for channel in self.channel)
+        return self.model_copy(update={"signal": self.signal.in_si(), "channel": channel})
+
+    def stated(self) -> dict[str, Any]:
+        """The keys that are stated, tables as nested dictionaries, as `settings_text` writes them."""
+        return self.model_dump(exclude_unset=True, exclude_none=True)
 
     @property
     def needs_velocity(self) -> bool:
@@ -412,6 +454,57 @@ class Settings(_Table):
                 "no table [recorder] beside displacements, whose likelihoods have no place for a low-pass"
             )
         return self
+
+
+def keys() -> dict[str, FieldInfo]:
+    """What an argument or an option states, by where it stands, as ``signal.unit``.
+
+    How texts are written and further channels are not among it.
+    """
+    places: dict[str, type[Table]] = {"signal": SignalSettings, "impactor": ImpactorSettings}
+    further = {key: field for key, field in Settings.model_fields.items() if key not in (*places, "channel")}
+    return {
+        f"{table}.{key}": field
+        for table, schema in places.items()
+        for key, field in schema.model_fields.items()
+        if key not in Stated.model_fields
+    } | further
+
+
+# By the name of the argument that states it: where a key stands.
+PLACES = {place.rpartition(".")[2]: place for place in keys()}
+
+
+def arguments() -> dict[str, Argument]:
+    """The argument of each of `PLACES`, with what it means."""
+    return {place.rpartition(".")[2]: argument(field) for place, field in keys().items()}
+
+
+def content_of(stated: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of ``dataset.toml`` that arguments state, by their names; None states nothing."""
+    content: dict[str, Any] = {}
+    for name, value in stated.items():
+        *table, key = PLACES[name].split(".")
+        if value is not None:
+            (content.setdefault(table[0], {}) if table else content)[key] = plain_value(value)
+    return content
+
+
+def plain_value(value: Any) -> Any:
+    """The value as Python's own; what is none is left for the settings to refuse."""
+    if isinstance(value, Table):
+        return value.model_dump(exclude_unset=True)
+    if isinstance(value, Mapping):
+        return {str(key): plain_value(inner) for key, inner in value.items()}
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def reworded(problem: Problem, names: Mapping[str, str]) -> Problem:
+    """The problem with other names of keys and files, as somebody knows them who has no such file."""
+    texts = [problem.expected, problem.remedy, problem.column or ""]
+    for name, other in names.items():
+        texts = [text.replace(name, other) for text in texts]
+    return replace(problem, expected=texts[0], remedy=texts[1], column=texts[2] or None)
 
 
 def read_settings(path: Path) -> Settings:

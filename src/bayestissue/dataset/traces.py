@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import Bool, Float64, Int, Int8
 
-from bayestissue.dataset.chain import ChannelQuantity, Quantity
+from bayestissue.dataset.settings import ChannelQuantity, Quantity
 from bayestissue.outline import counted, span
 
 # The fewest samples that are a recording.

@@ -13,8 +13,10 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
+from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.settings import Settings, parse_settings
 from bayestissue.results.tables import as_text, write_table
+from bayestissue.settings import allowed_keys
 
 TraceFile = Literal["traces.csv", "traces.csv.gz", "traces.parquet"]
 
@@ -89,10 +91,13 @@ def settings_text(settings: dict[str, Any]) -> str:
     """``dataset.toml`` of these keys, tables as nested dictionaries."""
     stated = [key for key in Settings.model_fields if key in settings]
     tables = [key for key in stated if isinstance(settings[key], dict)]
-    lists = [key for key in stated if isinstance(settings[key], list)]
+    lists = [key for key in stated if isinstance(settings[key], list | tuple)]
     lines = [_entry(key, settings[key]) for key in stated if key not in (*tables, *lists)]
     for table in tables:
-        lines += ["", f"[{table}]", *(_entry(key, value) for key, value in settings[table].items())]
+        # Among the keys of [signal] those of how texts are written are the last.
+        order = sorted(allowed_keys(Settings, [table]), key=lambda key: key in Stated.model_fields)
+        content = settings[table]
+        lines += ["", f"[{table}]", *(_entry(key, content[key]) for key in order if key in content)]
     for key in lists:
         for content in settings[key]:
             within = {name: value for name, value in content.items() if isinstance(value, dict)}

@@ -195,7 +195,7 @@ def prepared_force(
     comparison = force_beside(dataset, signal)
     assert comparison is not None  # noqa: S101 - the callers ask
     channel, recorder = comparison.channel, comparison.channel.recorder
-    recorded, first = stack(channel.traces), signal.contact_time_s + signal.first_sample_s
+    recorded, first = stack(*dataset.further), signal.contact_time_s + signal.first_sample_s
     dt = recorded.dt
     # Contact is so long after the first sample of the decelerations at the latest, or so long before it.
     latest = (low_pass.lead if low_pass else 0) * signal.dt
@@ -269,12 +269,11 @@ def _filtered(dataset: Dataset, signal: Displacements, recorded: PaddedTraces, r
 
     Then also ``rate`` and by how much ``longer`` a mean takes to settle.
     """
-    (channel,) = dataset.channels
+    (channel,), (traces,) = dataset.channels, dataset.further
     recorder = channel.recorder
     assert recorder is not None  # noqa: S101 - the caller asks
-    share = white_share(
-        replace(dataset, recorder=recorder, traces=channel.traces), replace(signal, dt=recorded.dt)
-    )
+    force = replace(dataset.with_settings(recorder=recorder), traces=traces)
+    share = white_share(force, replace(signal, dt=recorded.dt))
     low_pass = low_pass_of(recorder, recorded.dt)
     if share == 1:
         return {"low_pass": low_pass}

@@ -7,7 +7,7 @@ from functools import partial
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.likelihood.element.noise import colour_of
 from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.signal.filters import ahead_s, autocorrelation
@@ -21,7 +21,7 @@ _MOST_CELLS = 24
 
 
 def filtered_noise(
-    recorder: Recorder, white: float, rows: int, dt: np.ndarray
+    recorder: LowPassFilter, white: float, rows: int, dt: np.ndarray
 ) -> tuple[Colour, np.ndarray, np.ndarray]:
     """The recorder's noise, each impact's sampling rate, and by how much longer a mean takes to settle.
 
@@ -33,7 +33,7 @@ def filtered_noise(
     return colour_of(white, of_lags, rows), rate, np.sqrt(np.maximum(sums, white))[rate]
 
 
-def low_pass_of(recorder: Recorder, dt: np.ndarray) -> LowPass:
+def low_pass_of(recorder: LowPassFilter, dt: np.ndarray) -> LowPass:
     """The recorder's filter as the likelihood takes it, and how it is told in samples this far apart."""
     poles, weights = filter_modes(recorder)
     corner = 2 * np.pi * recorder.low_pass_hz

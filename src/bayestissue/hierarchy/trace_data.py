@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Int
 
-from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.settings import FILE as SETTINGS
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem, along_with
@@ -525,7 +525,7 @@ def _bent(signal: Displacements) -> bool:
 def _reach(
     specification: ModelSpecification,
     signal: Displacements,
-    recorder: Recorder | None,
+    recorder: LowPassFilter | None,
     low_pass: LowPass | None,
 ) -> int:
     """In how many sampling intervals before the first sample contact may be; none where it is known."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -21,47 +20,36 @@ from bayestissue.dataset.left_out import NEVER_READ, reason_of, write_left_out
 from bayestissue.dataset.reading import read_one
 from bayestissue.dataset.recordings import CROP, ends_of
 from bayestissue.dataset.settings import FILE as SETTINGS
-from bayestissue.dataset.settings import SignalSettings, parse_settings
+from bayestissue.dataset.settings import SignalSettings, parse_settings, reworded
 from bayestissue.dataset.traces import MIN_SAMPLES, Traces
 from bayestissue.declarations import sentences
 from bayestissue.errors import InputError, Problem, collected, refuse
-from bayestissue.intake.choices import Choices, require_steady
+from bayestissue.intake.choices import PLACES, Choices, Cutting, require_steady
 from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.outline import counted, first_of
-from bayestissue.signal.displacement import displacements
+from bayestissue.signal.displacement import Displacements, displacements
 from bayestissue.signal.settings import CONTACT
 from bayestissue.signal.traces import noise_sd, stack
 
 RECORDINGS = "recordings"
 FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
 said = sentences(__package__)
-_ALIKE = ("quantity", "unit", "time_unit", "scale", "offset", "crop", "gravity", "zero", "contact")
 _OPTIONS = {
-    **{f"signal.{key}": f"--{key.replace('_', '-')}" for key in _ALIKE},
+    **{place: f"--{name.replace('_', '-')}" for name, place in PLACES.items()},
     **{f"signal.{key}": f"--text {key}" for key in Stated.model_fields},
-    **{"signal.value_column": "--channel", "signal.time_column": "--time"},
 }
-
-
-@dataclass(frozen=True)
-class Cutting:
-    """How several impacts in one recording are told apart; see `cut`.
-
-    Attributes:
-        threshold: standard deviations of the noise that an impact rises above,
-        share: and this share of the greatest peak: the handling of the impactor between two stays below it.
-        separation_s: the least time between two impacts.
-        before, after: of the separation: enough rest to learn the noise and the zero from.
-        digits: of the times, s: no recorder's clock is read finer than nanoseconds.
-    """
-
-    threshold: float = 20.0
-    separation_s: float = 0.5
-    share: float = 0.1
-    before: float = 0.1
-    after: float = 0.5
-    digits: int = 9
+# Of a key of dataset.toml in a sentence: there is no such file yet.
+_NAMES = {
+    words: other
+    for key, option in _OPTIONS.items()
+    if "." in key
+    for words, other in (
+        (f"as {key} in {SETTINGS}", f"by {option}"),
+        (f"{key} in {SETTINGS}", option),
+        (key, option),
+    )
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,43 +58,33 @@ class Built:
 
     Attributes:
         dataset: as it was read.
+        signal: its decelerations and displacements.
         left_out: what was wrong with files and impacts that are not in it.
         notes: what somebody should know who did not look at the recordings.
     """
 
     dataset: Dataset
+    signal: Displacements
     left_out: tuple[Problem, ...]
     notes: tuple[str, ...]
 
 
-def build(
-    folder: Path,
-    recordings: RecorderFolder,
-    facts: Facts,
-    choices: Choices,
-    *,
-    name: str,
-    cutting: Cutting | None = None,
-    skip_bad: bool = False,
-) -> Built:
+def build(folder: Path, recordings: RecorderFolder, facts: Facts, choices: Choices) -> Built:
     """Write ``dataset.toml``, ``impacts.csv`` and the recordings, byte for byte as they are, and check them.
 
     Args:
         folder: where the dataset goes.
         recordings: the files.
         facts: what is known of each.
-        choices: with no question left.
-        name: of the dataset.
-        cutting: cut several impacts in one recording apart; otherwise every recording holds one.
-        skip_bad: leave out what is wrong, instead of refusing the whole.
+        choices: with no question left, and a name of the dataset.
 
     Raises:
         InputError: everything that is wrong, with the files, with what is known of them, and with the dataset
             that they make.
     """
     problems = [*recordings.problems, *facts.problems]
-    settings = _settings(choices, name, len(recordings.files))
-    plan = _Plan(recordings, facts, choices, _signal(settings, problems), cutting)
+    settings = _settings(choices, len(recordings.files))
+    plan = _Plan(recordings, facts, choices, _signal(settings, problems))
     rows = list(plan.rows(problems))
     if not rows:
         raise InputError(problems)
@@ -114,26 +92,36 @@ def build(
     try:
         dataset = read_dataset(folder)
     except InputError as error:
-        unfit = [p for p in error.problems if p.column == choices.force_channel.get("value_column", "")]
-        if unfit and not choices.force:
-            # Nobody asked for the force: it must not cost an impact.
-            turned = {p.code for p in unfit} == {"channel-unfit"} and "scale" not in choices.force_channel
-            force = choices.force_channel | {"scale": -1.0} if turned else {}
-            revised = replace(choices, force_channel=force)
-            shutil.rmtree(folder / RECORDINGS)
-            again = build(folder, recordings, facts, revised, name=name, cutting=cutting, skip_bad=skip_bad)
-            words = said("notes.unfit", channel=unfit[0].column, why=_in_terms_of_init(unfit[0]))
-            return again if turned else replace(again, notes=(*again.notes, words))
+        if mended := _of_another_force(choices, error.problems):
+            revised, notes = mended
+            built = build(folder, recordings, facts, revised)
+            return replace(built, notes=(*built.notes, *notes))
         problems += plan.in_terms_of_init(error.problems, rows)
     if problems:
-        rows = _fit_to_use(rows, problems, recordings, choices) if skip_bad else []
+        rows = _fit_to_use(rows, problems, recordings, choices) if choices.skip_bad else []
         if not rows:
             raise InputError(problems)
-        shutil.rmtree(folder / RECORDINGS)
         _write(folder, settings, rows, recordings)
         write_left_out(folder, _reasons(problems, recordings, {row["impact"] for row in rows}))
         dataset = read_dataset(folder)
-    return Built(dataset, tuple(problems), _notes(dataset, cutting, choices))
+    signal = displacements(dataset)
+    return Built(dataset, signal, tuple(problems), _notes(dataset, signal, choices))
+
+
+def _of_another_force(choices: Choices, problems: Iterable[Problem]) -> tuple[Choices, list[str]] | None:
+    """Choices with the force turned or left out, and what to say of that; None where it is not to blame.
+
+    A force that nobody asked for must not cost an impact.
+    """
+    unfit = [problem for problem in problems if problem.column == choices.beside.get("value_column", "")]
+    if choices.force or not unfit:
+        return None
+    if {problem.code for problem in unfit} == {"channel-unfit"} and "scale" not in choices.beside:
+        channel = [choices.beside | {"scale": -1.0}]
+        return choices.stating(settings=choices.settings | {"channel": channel}), []
+    settings = {name: table for name, table in choices.settings.items() if name != "channel"}
+    note = said("notes.unfit", channel=unfit[0].column, why=_in_terms_of_init(unfit[0]))
+    return choices.stating(settings=settings), [note]
 
 
 def _fit_to_use(
@@ -164,36 +152,27 @@ def _impact_name(file: Source) -> str:
     return f"{file.stem}_{file.part}" if file.part else file.stem
 
 
-def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
+def _settings(choices: Choices, files: int) -> dict[str, Any]:
     names = f", names read as {choices.pattern}" if choices.pattern else ""
-    tables = {"recorder": choices.recorder, "uncertainty": choices.uncertainty}
-    stated = {key: table for key, table in tables.items() if table}
-    return {
-        "name": name,
-        "source": f"bayestissue init, from {files} recorder file{'s' if files > 1 else ''}{names}",
-        "signal": choices.signal(),
-        **({"channel": [choices.force_channel]} if choices.force_channel else {}),
-        **stated,
-    }
+    source = f"bayestissue init, from {files} recorder file{'s' if files > 1 else ''}{names}"
+    stated = {key: value for key, value in choices.settings.items() if value != {}}
+    return {**stated, "source": source, "signal": {**stated.get("signal", {}), **choices.text}}
 
 
 def _signal(settings: dict[str, Any], problems: list[Problem]) -> SignalSettings:
     try:
         return parse_settings(settings).signal
     except InputError as error:
-        options = [
-            replace(p, file="init", column=_OPTIONS.get(column := p.column or "", _table_option(column)))
-            for p in error.problems
-        ]
+        options = [replace(p, file="init", column=_option_of(p.column or "")) for p in error.problems]
         raise InputError([*problems, *options]) from None
 
 
-def _table_option(key: str) -> str | None:
-    """An entry of a table ``[recorder]`` or ``[[channel]]`` as its option; others as they are."""
+def _option_of(key: str) -> str | None:
+    """The option that states a key or an entry of [recorder] or [[channel]]; of others the key."""
     table, _, name = key.partition(".")
     if table == "channel":
         return f"--force {name.removeprefix('0').removeprefix('.')}".strip()
-    return f"--recorder {name}".strip() if table == "recorder" else key or None
+    return _OPTIONS.get(key) or (f"--recorder {name}" if table == "recorder" else key or None)
 
 
 def _write(
@@ -206,6 +185,7 @@ def _write(
         with (folder / SETTINGS).open("a", encoding="utf-8") as settings_file:
             settings_file.write(said("written.uncertainty"))
     used = set(table["trace"])
+    shutil.rmtree(folder / RECORDINGS, ignore_errors=True)
     for file in recordings.files:
         if f"{RECORDINGS}/{file.name}" in used:
             copy = folder / RECORDINGS / file.source.name
@@ -215,11 +195,7 @@ def _write(
 
 def _in_terms_of_init(problem: Problem) -> Problem:
     """A problem of the dataset in the words of who has not seen it yet: their files, their options."""
-    inside = f"{RECORDINGS}/"
-    for key, option in _OPTIONS.items():
-        remedy = problem.remedy.replace(f"as {key} in dataset.toml", f"by {option}")
-        remedy = re.sub(rf"{re.escape(key)}\b( in dataset\.toml)?", option, remedy)
-        problem = replace(problem, remedy=remedy)
+    inside, problem = f"{RECORDINGS}/", reworded(problem, _NAMES)
     if problem.file.startswith(inside):
         return replace(problem, file=problem.file.removeprefix(inside))
     if problem.file == "impacts.csv":
@@ -227,16 +203,16 @@ def _in_terms_of_init(problem: Problem) -> Problem:
     return problem
 
 
-def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple[str, ...]:
-    notes = [] if any(asdict(dataset.uncertainty).values()) else [said("notes.chain")]
-    if choices.force_channel and not choices.force:
-        force = choices.force_channel
+def _notes(dataset: Dataset, signal: Displacements, choices: Choices) -> tuple[str, ...]:
+    notes = [] if any(dataset.uncertainty.model_dump().values()) else [said("notes.chain")]
+    if choices.beside and not choices.force:
+        force = choices.beside
         words = said("notes.force", channel=force["value_column"], place=force["place"])
         notes.append(words + (said("notes.turned") if "scale" in force else ""))
     oriented = dataset.traces.slowing(dataset.quantity)
     traces = dict(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))
-    several = [] if cutting else [impact for impact, trace in traces.items() if len(cut(trace)) > 1]
-    threshold = cutting.threshold if cutting else Cutting.threshold
+    several = [] if choices.several else [impact for impact, trace in traces.items() if len(cut(trace)) > 1]
+    threshold = choices.threshold if choices.several else Cutting.threshold
     alone = {impact: trace for impact, trace in traces.items() if impact not in several}
     later = {impact: blow_again(trace, threshold=threshold) for impact, trace in alone.items()}
     again = {impact: seconds for impact, seconds in later.items() if seconds is not None}
@@ -244,21 +220,20 @@ def _notes(dataset: Dataset, cutting: Cutting | None, choices: Choices) -> tuple
         soonest = min(again.values())
         named = first_of(list(again), 5)
         notes.insert(0, said("notes.again", impacts=named, seconds=soonest, apart=soonest / 2))
-    if _contact_untold(dataset):
+    if _contact_untold(dataset, signal):
         notes.append(said("notes.contact"))
     if several:
         notes.insert(0, said("notes.several", impacts=first_of(several, 5)))
     return tuple(notes)
 
 
-def _contact_untold(dataset: Dataset) -> bool:
+def _contact_untold(dataset: Dataset, signal: Displacements) -> bool:
     """Whether somebody has to say where contact falls within a sampling interval, as the recordings do not.
 
     Most that begin at contact do not, whatever they look like: a force that jumps may have jumped earlier.
     """
     if dataset.contact or dataset.recorder or dataset.quantity == "displacement":
         return False
-    signal = displacements(dataset)
     begins_there = np.median(signal.n_before) < CONTACT.quiet_samples
     return signal.phase.kind == "undecided" or bool(begins_there and not signal.phase.known)
 
@@ -271,7 +246,6 @@ class _Plan:
     facts: Facts
     choices: Choices
     signal: SignalSettings
-    cutting: Cutting | None
 
     def rows(self, problems: list[Problem]) -> Iterator[dict[str, Any]]:
         """The rows; what is wrong with a file goes to ``problems``."""
@@ -289,17 +263,17 @@ class _Plan:
                 base["sampling_rate_hz"] = self.choices.rate_hz
             with collected(problems):
                 _require_unit(file, usual)
-                if self.choices.time is None and np.isfinite(rate := self._rate(file)):
+                if self.choices.stated("time") is None and np.isfinite(rate := self._rate(file)):
                     require_steady(file, rate)
                 for number, row in enumerate(self._impacts(file), 1):
                     impact = row.get("impact", name)
-                    yield {**base, **row, "impact": f"{impact}-{number}" if self.cutting else impact}
+                    yield {**base, **row, "impact": f"{impact}-{number}" if self.choices.several else impact}
 
     def _impacts(self, file: File) -> list[dict[str, Any]]:
         """What is known of each impact of a recording, with its stretch if several are cut apart."""
         common = self.facts.of_file[file.name]
         numbers = [number for name, number in self.facts.of_number if name == file.name]
-        if self.cutting is None:
+        if not self.choices.several:
             if len(numbers) > 1:
                 count = f"{len(numbers)} rows of the table"
                 raise InputError.stated("several-impacts.one", file.name, value=count)
@@ -308,7 +282,8 @@ class _Plan:
         if bad := int(np.count_nonzero(~np.isfinite(trace.value))):
             words = f"no number at {bad} of {trace.value.size} samples"
             raise InputError.stated("not-a-number.recording", file.name, value=words)
-        stretches = cut(trace, threshold=self.cutting.threshold, separation_s=self.cutting.separation_s)
+        how = {"threshold": self.choices.threshold, "separation_s": self.choices.separation_s}
+        stretches = cut(trace, **how)
         if not stretches or (numbers and sorted(numbers) != list(range(1, len(stretches) + 1))):
             key = "several-impacts.table" if numbers else "several-impacts.none"
             found = counted(len(stretches), "impact")
@@ -340,7 +315,7 @@ class _Plan:
         by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
         for problem in map(_in_terms_of_init, problems):
             file = by_impact.get(problem.impact or "")
-            if file is not None and problem.file == file.name and not self.cutting:
+            if file is not None and problem.file == file.name and not self.choices.several:
                 problem = replace(problem, remedy=problem.remedy + self._several(file))
             yield problem
 
@@ -431,7 +406,7 @@ def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]
     units = {
         name: Counter(channel.unit for channel in channels)
         for name, channels in recordings.candidates().items()
-        if name in (choices.channel, choices.time, choices.force_channel.get("value_column"))
+        if name in (choices.stated("channel"), choices.stated("time"), choices.beside.get("value_column"))
     }
     return {name: count.most_common(1)[0][0] for name, count in units.items()}
 

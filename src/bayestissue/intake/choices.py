@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import pandas as pd
+from pydantic import Field
 
 from bayestissue.dataset.impacts import WITHIN, in_two_levels
-from bayestissue.dataset.settings import DIMENSIONS
+from bayestissue.dataset.settings import DIMENSIONS, arguments, plain_value
+from bayestissue.dataset.settings import PLACES as KEYS
 from bayestissue.dataset.traces import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import ChannelSummary, File, RecorderFolder
 from bayestissue.intake.names import is_height
+from bayestissue.settings import Argument, Table, argument, checked
 
 _VOLTS = {"V", "mV", "Volt", "Volts", "volt", "volts"}
 _TIME = re.compile(
@@ -34,6 +37,8 @@ _FALLS = (
     "how it moves at contact: straight down (drop), or across gravity, as a pendulum at its lowest point "
     "does (none)"
 )
+_IMPACT = "the channel with the impact"
+_RECORDED = "what it recorded (a deceleration is positive while the impactor slows)"
 # What a force can stand beside, and names of channels of a sensor below the tissue.
 BESIDE_FORCE = ("deceleration", "acceleration")
 _BELOW = re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE)
@@ -42,71 +47,110 @@ _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
 @dataclass(frozen=True)
-class Choices:
-    """What the user said; None where nothing was.
+class Cutting:
+    """How several impacts in one recording are told apart; see `bayestissue.intake.build.cut`.
 
     Attributes:
-        channel: the channel with the recorded values.
-        quantity: ``"deceleration"``, ``"acceleration"`` or ``"displacement"``.
-        unit: of the values.
-        time: the channel with the times, where the format carries none.
-        time_unit: its unit.
-        rate_hz: the sampling rate, where there is neither.
-        scale: by which raw values are multiplied.
-        offset: added after that.
-        crop: the stretch of every recording that is read, in the unit of time; whole if None.
-        pattern: how file names are read.
-        table: a table of facts.
-        shared: facts that hold for all recordings, as text.
-        recorder: the table ``[recorder]`` of ``dataset.toml``; none if empty.
-        uncertainty: the table ``[uncertainty]`` of ``dataset.toml``; none if empty.
-        text: how texts are written, as far as it is not to be found: keys of `Stated`.
-        gravity: the part of gravity along the motion, as ``signal.gravity``.
-        zero: where the sensor read 0, as ``signal.zero``.
-        contact: where contact falls within a sampling interval, as ``signal.contact``.
-        force: entries of the table ``[[channel]]`` of a force beside the motion; "none" for none. The
-            only channel with a unit of force is taken where nothing is said.
-        force_channel: the whole of that table, as `settle` has it; empty without a force.
+        threshold: standard deviations of the noise that an impact rises above,
+        share: and this share of the greatest peak: the handling of the impactor between two stays below it.
+        separation_s: the least time between two impacts.
+        before, after: of the separation: enough rest to learn the noise and the zero from.
+        digits: of the times, s: no recorder's clock is read finer than nanoseconds.
     """
 
-    channel: str | None = None
-    quantity: str | None = None
-    unit: str | None = None
-    time: str | None = None
-    time_unit: str | None = None
-    rate_hz: float | None = None
-    scale: float = 1.0
-    offset: float = 0.0
-    crop: tuple[float, float] | None = None
+    threshold: float = 20.0
+    separation_s: float = 0.5
+    share: float = 0.1
+    before: float = 0.1
+    after: float = 0.5
+    digits: int = 9
+
+
+# Keys of ``dataset.toml`` that an option states under another name, and where the key of each option stands.
+_NAMES = {"value_column": "channel", "time_column": "time"}
+PLACES = {_NAMES.get(name, name): place for name, place in KEYS.items() if name != "source"}
+
+
+class Choices(Table):
+    """What is known of a folder of recorder files besides the files.
+
+    Attributes:
+        settings: a part of ``dataset.toml``.
+        pattern: how file names are read, such as "{subject}_{side}_{mass_kg}kg_{n}.lvm"; guessed from the
+            names unless given. A name in braces is a column of impacts.csv; {} is what does not matter.
+            mass_g, velocity_cm_s, drop_height_m, _cm and _mm are converted (v = sqrt(2 g h), for a pendulum
+            too). {subject:group} counts anew in each group. With / the folders above the file are read as
+            well.
+        table: a table with a column file, the name of a recording, and a column for each fact; with a column
+            number too, a row for each impact of a recording. Without file it is joined by the columns that
+            names have too, such as subject.
+        given: facts that hold for all recordings.
+        rate_hz: the sampling rate, where there are no times.
+        text: how text files are written, where that is not found rightly: encoding (utf-8, utf-16, cp1252),
+            delimiter (comma, semicolon, tab, pipe, space), decimal (point, comma), thousands (none, point,
+            comma, space, apostrophe), header_row, units_row.
+        force: entries of the table [[channel]] of a force beside the motion: value_column, place (impactor or
+            base), unit, scale, tip_mass_kg, relative_gain_sd, time_column, time_offset_s. The only channel
+            with a unit of force is taken unless given; none leaves it out.
+        several: cut several impacts in one recording apart.
+        threshold: standard deviations of the noise that an impact rises above.
+        separation_s: the least time between two impacts, s.
+        skip_bad: leave out what is wrong, and say so, instead of refusing the whole.
+    """
+
+    settings: dict[str, Any] = Field(default={})
     pattern: str | None = None
     table: Path | None = None
-    shared: dict[str, str] = field(default_factory=dict)
-    recorder: dict[str, Any] = field(default_factory=dict)
-    text: dict[str, Any] = field(default_factory=dict)
-    gravity: str | float | None = None
-    zero: str | None = None
-    contact: str | None = None
-    uncertainty: dict[str, Any] = field(default_factory=dict)
-    force: dict[str, Any] | Literal["none"] = field(default_factory=dict)
-    force_channel: dict[str, Any] = field(default_factory=dict)
+    given: dict[str, str] = Field(default={})
+    rate_hz: Annotated[float, Field(ge=0)] | None = None
+    text: dict[str, Any] = Field(default={})
+    force: dict[str, Any] | Literal["none"] = Field(default={})
+    several: bool = False
+    threshold: Annotated[float, Field(ge=1)] = Cutting.threshold
+    separation_s: Annotated[float, Field(ge=0.001)] = Cutting.separation_s
+    skip_bad: bool = False
 
-    def signal(self) -> dict[str, Any]:
-        """The table ``[signal]`` of ``dataset.toml``."""
-        said = {
-            "quantity": self.quantity,
-            "unit": self.unit,
-            "value_column": self.channel,
-            "time_column": self.time,
-            "time_unit": self.time_unit,
-            "scale": self.scale if self.scale != 1 else None,
-            "offset": self.offset or None,
-            "gravity": self.gravity,
-            "zero": self.zero,
-            "contact": self.contact,
-            "crop": None if self.crop is None else list(self.crop),
-            **self.text,
+    def stating(self, **options: Any) -> Choices:
+        """The same with these options too; None states nothing."""
+        options = {name: value for name, value in options.items() if value is not None}
+        settings = {
+            name: dict(table) if isinstance(table, dict) else table for name, table in self.settings.items()
         }
-        return {key: value for key, value in said.items() if value is not None}
+        for name in [name for name in options if name in PLACES]:
+            *table, key = PLACES[name].split(".")
+            (settings.setdefault(table[0], {}) if table else settings)[key] = options.pop(name)
+        return self.model_copy(update={"settings": settings, **options})
+
+    def stated(self, option: str) -> Any:
+        """What an option states; None where it does not."""
+        *table, key = PLACES[option].split(".")
+        return (self.settings.get(table[0], {}) if table else self.settings).get(key)
+
+    @property
+    def beside(self) -> dict[str, Any]:
+        """The table ``[[channel]]`` of the force beside the motion; empty without one."""
+        return next(iter(self.settings.get("channel", ())), {})
+
+
+def options() -> dict[str, Argument]:
+    """What `choices_of` takes, with what it means: see `bayestissue.declarations.taking`."""
+    others = {name: argument(field) for name, field in Choices.model_fields.items() if name != "settings"}
+    of_keys = {_NAMES.get(name, name): declared for name, declared in arguments().items()}
+    # What is left out is not stated.
+    stated = {name: (of_keys[name][0].replace(default=None), of_keys[name][1]) for name in PLACES}
+    return stated | others
+
+
+def choices_of(**stated: Any) -> Choices:
+    """The choices of options by their names.
+
+    Raises:
+        InputError: one has a value of another kind.
+    """
+    stated = {name: plain_value(value) for name, value in stated.items() if value is not None}
+    others = {name: stated.pop(name) for name in Choices.model_fields if name in stated}
+    others["given"] = {name: str(value) for name, value in others.get("given", {}).items()}
+    return checked(others, Choices, file="init").stating(**stated)
 
 
 @dataclass(frozen=True)
@@ -146,13 +190,10 @@ class Question:
         """
         if self.option.startswith("--set"):
             name = self.option.removeprefix("--set ").removesuffix("=")
-            return replace(choices, shared={**choices.shared, name: text})
+            return choices.stating(given={**choices.given, name: text})
         name = self.option.removeprefix("--").replace("-", "_")
-        if name != "rate_hz":
-            said: dict[str, Any] = {name: text}
-            return replace(choices, **said)
         try:
-            return replace(choices, rate_hz=float(text))
+            return choices.stating(**{name: float(text) if name == "rate_hz" else text})
         except ValueError:
             raise InputError.stated("option-value.rate", self.option, value=text) from None
 
@@ -179,70 +220,78 @@ def settle(
         recordings: the files.
         facts: the columns of ``impacts.csv`` that names, a table and options fill.
     """
-    questions: list[Question] = []
-
-    def take(name: str, answer: str | Question) -> None:
-        nonlocal choices
-        if isinstance(answer, Question):
-            questions.append(answer)
-        else:
-            settled: dict[str, Any] = {name: answer}
-            choices = replace(choices, **settled)
-
     channels = recordings.candidates()
-    choices = replace(
-        choices, channel=_in_full(choices.channel, channels), time=_in_full(choices.time, channels)
-    )
-    values = _values_among(channels, choices.time)
+    for option in ("channel", "time"):
+        choices = choices.stating(**{option: _in_full(choices.stated(option), channels)})
+    values = _values_among(channels, choices.stated("time"))
     if not values:
         raise InputError(_no_values(file, len(recordings.files)) for file in recordings.files)
-    for option, name in (("--channel", choices.channel), ("--time", choices.time)):
-        if name is not None and name not in channels:
-            raise InputError.stated("no-channel.option", option, value=name, names=", ".join(channels))
-    if choices.channel is None:
-        take("channel", _one_of(values, "--channel", "the channel with the impact"))
-    chosen = [channel for name in values for channel in channels[name]]
-    if choices.channel is not None:
-        chosen = channels[choices.channel]
-
+    for option in ("channel", "time"):
+        if (name := choices.stated(option)) is not None and name not in channels:
+            names = ", ".join(channels)
+            raise InputError.stated("no-channel.option", f"--{option}", value=name, names=names)
+    force = _force_channel(choices, recordings)
+    choices, questions = _answered(choices, "channel", lambda: _one_of(values, "--channel", _IMPACT))
+    named = choices.stated("channel")
+    chosen = channels[named] if named else [channel for name in values for channel in channels[name]]
     rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
-    if choices.time is None and not rated and not all(channel.clock for channel in chosen):
-        take("time", _time(channels, choices.channel))
-    if choices.time is not None and choices.time_unit is None:
-        choices = replace(choices, time_unit=_unit(channels[choices.time], ["time"]))
+    if not rated and not all(channel.clock for channel in chosen):
+        choices, asked = _answered(choices, "time", lambda: _time(channels, named))
+        questions += asked
+    if (time := choices.stated("time")) is not None and choices.stated("time_unit") is None:
+        choices = choices.stating(time_unit=_unit(channels[time], ["time"]))
+    choices, asked = _measured(choices, chosen)
+    questions += [*asked, *_facts_wanted(choices, facts, several=len(recordings.files) > 1)]
+    beside = {"channel": [force]} if force and choices.stated("quantity") in BESIDE_FORCE else {}
+    settings = {name: table for name, table in choices.settings.items() if name != "channel"}
+    return choices.model_copy(update={"settings": settings | beside}), questions
 
-    units = {choices.unit} if choices.unit else {channel.unit for channel in chosen}
+
+def _answered(
+    choices: Choices, option: str, answer: Callable[[], str | Question]
+) -> tuple[Choices, list[Question]]:
+    """The choices with an option that is not stated as the files have it, or the question for it."""
+    if choices.stated(option) is not None:
+        return choices, []
+    found = answer()
+    return (choices, [found]) if isinstance(found, Question) else (choices.stating(**{option: found}), [])
+
+
+def _measured(choices: Choices, chosen: Sequence[ChannelSummary]) -> tuple[Choices, list[Question]]:
+    """The same of the quantity and of its unit, which say something of one another."""
+    unit, quantity = choices.stated("unit"), choices.stated("quantity")
+    units = {unit} if unit else {channel.unit for channel in chosen}
     kind = _stated_kind(choices, units)
     possible = [name for name in DIMENSIONS if kind not in DIMENSIONS.values() or DIMENSIONS[name] == kind]
-    force = _force_channel(choices, recordings)
-    if choices.quantity is None:
-        what = "what it recorded (a deceleration is positive while the impactor slows)"
-        take("quantity", _one_of(possible, "--quantity", what))
-    elif choices.unit is None and choices.quantity in DIMENSIONS and choices.quantity not in possible:
+    if unit is None and quantity in DIMENSIONS and quantity not in possible:
         can_be = {"unit": ", ".join(sorted(units)), "possible": " or ".join(possible)}
-        raise InputError.stated("option-value.quantity", "--quantity", value=choices.quantity, **can_be)
-
+        raise InputError.stated("option-value.quantity", "--quantity", value=quantity, **can_be)
+    choices, questions = _answered(choices, "quantity", lambda: _one_of(possible, "--quantity", _RECORDED))
+    quantity = choices.stated("quantity")
     dimensions = list(dict.fromkeys(DIMENSIONS[name] for name in possible))
-    if choices.quantity is not None:
-        dimensions = [DIMENSIONS.get(choices.quantity, "acceleration")]
-    unit = _unit(chosen, dimensions)
-    if choices.unit is None and unit is None:
+    if quantity is not None:
+        dimensions = [DIMENSIONS.get(quantity, "acceleration")]
+    if unit is not None:
+        return choices, questions
+    of_files = _unit(chosen, dimensions)
+    if of_files is None:
         questions.append(_which_unit(units, kind, dimensions))
-    elif choices.unit is None and choices.channel is not None and choices.quantity is not None:
-        choices = replace(choices, unit=unit)
+    elif choices.stated("channel") is not None and quantity is not None:
+        choices = choices.stating(unit=of_files)
+    return choices, questions
 
-    optional = ["velocity_m_s"] if choices.quantity == "displacement" else []
-    questions += [
-        Question(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
-        for name, (what, example) in _NEEDED.items()
-        if name not in facts and name not in optional
-    ]
-    if choices.table is not None and len(recordings.files) > 1:
-        # One name for all of the people of a table is nobody's answer.
-        questions = [_OF_TABLE if q.option == "--set subject=" else q for q in questions]
-    if choices.gravity is None and any(map(is_height, facts)):
-        questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
-    return replace(choices, force_channel=force if choices.quantity in BESIDE_FORCE else {}), questions
+
+def _facts_wanted(choices: Choices, facts: frozenset[str], *, several: bool) -> Iterator[Question]:
+    """What neither names nor a table nor options say of each recording; ``several`` are there."""
+    optional = ["velocity_m_s"] if choices.stated("quantity") == "displacement" else []
+    for name, (what, example) in _NEEDED.items():
+        if name == "subject" and choices.table is not None and several and name not in facts:
+            # One name for all of the people of a table is nobody's answer.
+            yield _OF_TABLE
+        elif name not in facts and name not in optional:
+            yield Question(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
+    if choices.stated("gravity") is None and any(map(is_height, facts)):
+        yield Question("--gravity", _FALLS, ("drop", "none"), "drop")
 
 
 def people_twice(pattern: str | None, facts: Facts) -> list[Question]:
@@ -304,10 +353,10 @@ def _time(channels: Mapping[str, Sequence[ChannelSummary]], channel: str | None)
 def _stated_kind(choices: Choices, units: set[str]) -> str:
     """What the units say of the quantity, as `_kind_of`; empty where they say nothing of it."""
     # A scale makes another unit of the one that the files state, and of several channels one is to be chosen.
-    if not choices.unit and abs(choices.scale) != 1:
+    if not choices.stated("unit") and abs(choices.stated("scale") or 1) != 1:
         return ""
     kind = _kind_of(units)
-    return "" if kind == "other" and choices.channel is None else kind
+    return "" if kind == "other" and choices.stated("channel") is None else kind
 
 
 def _which_unit(units: set[str], kind: str, dimensions: Sequence[Dimension]) -> Question:
@@ -335,10 +384,10 @@ def forces_among(recordings: RecorderFolder) -> list[str]:
 def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, Any]:
     """The table ``[[channel]]`` of a force beside the motion, by its unit or as was said."""
     said = choices.force
-    if said == "none" or choices.quantity not in (None, *BESIDE_FORCE):
+    if said == "none" or choices.stated("quantity") not in (None, *BESIDE_FORCE):
         return {}
     candidates = recordings.candidates()
-    forces = [name for name in forces_among(recordings) if name != choices.channel]
+    forces = [name for name in forces_among(recordings) if name != choices.stated("channel")]
     name = _in_full(said.get("value_column"), candidates)
     if name is None and len(forces) == 1:
         name = forces[0]

@@ -6,19 +6,28 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from bayestissue.dataset import Dataset, Quantity, Recorder, Uncertainty, read_dataset
+from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.dataset.cells import REMEDY
-from bayestissue.dataset.chain import Contact
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import Source
 from bayestissue.dataset.recorders import SUFFIXES
-from bayestissue.dataset.settings import Gravity, Zero, stated_table
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
+from bayestissue.declarations import taking
 from bayestissue.errors import InputError, Problem, path_argument
-from bayestissue.intake.build import Built, Cutting, build
-from bayestissue.intake.choices import BESIDE_FORCE, Choices, Question, forces_among, people_twice, settle
+from bayestissue.intake.build import Built, build
+from bayestissue.intake.choices import (
+    BESIDE_FORCE,
+    PLACES,
+    Choices,
+    Question,
+    choices_of,
+    forces_among,
+    options,
+    people_twice,
+    settle,
+)
 from bayestissue.intake.facts import Facts, gather, told_by
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
 from bayestissue.intake.names import Pattern, guessed
@@ -56,7 +65,7 @@ class Intake:
         """
         choices = question.answer(self.choices, text)
         if "{" in text and question.option == "--set subject=":
-            choices = replace(self.choices, pattern=text)
+            choices = self.choices.stating(pattern=text)
         return _intake_from(self.recordings, choices, self.guess)
 
     def design(self) -> list[str]:
@@ -94,8 +103,8 @@ class Intake:
     def passed_over(self) -> tuple[str, ...]:
         """What of the files and of the table was not read and is no problem, in words."""
         forces = forces_among(self.recordings)
-        several = len(forces) > 1 and self.choices.quantity in BESIDE_FORCE
-        said = self.choices.force or self.choices.force_channel or not several
+        several = len(forces) > 1 and self.choices.stated("quantity") in BESIDE_FORCE
+        said = self.choices.force or self.choices.beside or not several
         words = f"forces: {first_of(forces, _SHOWN)} (--force value_column=NAME takes one)"
         return self.recordings.passed_over + self.facts.passed_over + (() if said else (words,))
 
@@ -140,8 +149,8 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     guess = None
     told = told_by(table) if table else []
     if choices.pattern is None and "subject" not in told:
-        guess = guessed(recordings.files, [*choices.shared, *told])
-    return _intake_from(recordings, replace(choices, pattern=guess or choices.pattern), guess)
+        guess = guessed(recordings.files, [*choices.given, *told])
+    return _intake_from(recordings, choices.stating(pattern=guess), guess)
 
 
 def _table(choices: Choices) -> Source | None:
@@ -181,7 +190,7 @@ def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None
         recordings,
         pattern=choices.pattern,
         table=_table(choices),
-        shared=choices.shared,
+        shared=choices.given,
         loose=choices.pattern == guess,
     )
     choices, questions = settle(choices, recordings, facts.columns)
@@ -189,48 +198,33 @@ def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None
     return Intake(recordings, choices, facts, tuple(questions), guess if choices.pattern == guess else None)
 
 
-def write(
-    intake: Intake,
-    out: str | Path,
-    *,
-    name: str = "",
-    cutting: Cutting | None = None,
-    skip_bad: bool = False,
-    overwrite: bool = False,
-) -> Built:
+def write(intake: Intake, out: str | Path, *, overwrite: bool = False) -> Built:
     """Write the dataset, and beside its tables the page ``init.html`` that shows what was understood.
 
     Args:
         intake: with no question left.
         out: the folder of the dataset, new or empty.
-        name: of the dataset; that of its folder if empty.
-        cutting: cut several impacts in one recording apart.
-        skip_bad: leave out what is wrong, instead of refusing the whole.
         overwrite: replace a dataset that this function wrote and nobody changed.
 
     Raises:
         InputError: everything that is wrong; nothing is written then.
+        PartialResultError: the results could not take their place, and are beside it.
     """
     if intake.questions:
         raise intake.unanswered()
-    inputs = (intake.recordings.folder, intake.choices.table)
-    with claim(Path(out), overwrite=overwrite, command="init", inputs=inputs) as target:
+    recordings, facts, choices = intake.recordings, intake.facts, intake.choices
+    with claim(
+        Path(out), overwrite=overwrite, command="init", inputs=(recordings.folder, choices.table)
+    ) as target:
         from bayestissue.report.recordings_pages import init_page
 
         with target.folder() as staging:
-            name = name or target.path.resolve().name
-            built = build(
-                staging,
-                intake.recordings,
-                intake.facts,
-                intake.choices,
-                name=name,
-                cutting=cutting,
-                skip_bad=skip_bad,
-            )
+            choices = choices.stating(name=choices.stated("name") or target.path.resolve().name)
+            built = build(staging, recordings, facts, choices)
             page = init_page(
                 built.dataset,
-                understood=_summary(intake, cutting),
+                built.signal,
+                understood=_summary(intake),
                 left_out=built.left_out,
                 notes=built.notes,
             )
@@ -244,35 +238,9 @@ def default_out(folder: str | Path) -> Path:
     return Path(f"{recordings.resolve().name}-dataset")
 
 
+@taking(options())
 def init_dataset(
-    folder: str | Path,
-    out: str | Path | None = None,
-    *,
-    quantity: Quantity | None = None,
-    channel: str | None = None,
-    unit: str | None = None,
-    time: str | None = None,
-    time_unit: str | None = None,
-    rate_hz: float | None = None,
-    scale: float = 1.0,
-    offset: float = 0.0,
-    crop: tuple[float, float] | None = None,
-    pattern: str | None = None,
-    table: str | Path | None = None,
-    given: Mapping[str, object] | None = None,
-    recorder: Mapping[str, Any] | Recorder | None = None,
-    text: Mapping[str, Any] | None = None,
-    gravity: Gravity | None = None,
-    zero: Zero | None = None,
-    contact: Contact | None = None,
-    uncertainty: Mapping[str, float] | Uncertainty | None = None,
-    force: Mapping[str, Any] | Literal["none"] | None = None,
-    name: str = "",
-    several: bool = False,
-    threshold: float = Cutting.threshold,
-    separation_s: float = Cutting.separation_s,
-    skip_bad: bool = False,
-    overwrite: bool = False,
+    folder: str | Path, out: str | Path | None = None, *, overwrite: bool = False, **stated: Any
 ) -> Dataset:
     """Make a dataset from a folder of recorder files, and read it: `bayestissue init` from Python.
 
@@ -281,109 +249,60 @@ def init_dataset(
 
     Args:
         folder: where the recorder's files lie; folders within it are looked into.
-        out: the folder of the dataset, new or empty.
-        quantity: ``"deceleration"``, ``"acceleration"`` or ``"displacement"``.
-        channel: the one with the values; needed if there are several.
-        unit: of the values after scale and offset; needed if the files state none.
-        time: the channel with the times, where the format carries none.
-        time_unit: its unit, s unless the files state another.
-        rate_hz: the sampling rate, where there are no times.
-        scale: by which raw values are multiplied.
-        offset: added after that.
-        crop: the stretch of every recording that is read, (start, stop) in the unit of time.
-        pattern: how file names are read, such as ``"{subject}_{side}_{mass_kg}kg_{n}.lvm"``. Names are
-            columns of ``impacts.csv``; ``mass_g``, ``drop_height_m``, ``drop_height_cm`` and others are
-            converted (v = √(2 g h)).
-        table: a CSV file with a column ``file`` and a column for each fact.
-        given: facts that hold for all recordings, such as ``{"mass_kg": 2.1, "drop_height_cm": 12}``.
-        recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]`` in
-            ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``, and
-            ``noise`` and ``applied``.
-        text: how text files are written, where that is not found rightly, by keys of ``[signal]`` in
-            ``dataset.toml``: ``encoding``, ``delimiter``, ``decimal``, ``thousands``, ``header_row``,
-            ``units_row``, such as ``{"decimal": "comma"}``.
-        gravity: the part of gravity along the motion: ``"none"``, ``"drop"`` (straight down), or a number of
-            m/s², positive into the tissue; needed where a drop height is given.
-        zero: where an accelerometer read 0: ``"free_fall"`` or ``"rest"``.
-        contact: where contact falls, ``"between"`` samples or ``"on_sample"``; all recordings together tell
-            unless given.
-        uncertainty: of the measuring chain, by the keys of ``[uncertainty]`` in ``dataset.toml``.
-        force: of a force beside the motion, entries of ``[[channel]]`` in ``dataset.toml``, such as
-            ``{"place": "base"}``; ``"none"`` for none. The only channel with a unit of force is taken as one
-            unless given.
-        name: of the dataset; that of its folder if empty.
-        several: a recording may hold several impacts, which are cut apart.
-        threshold: how many standard deviations of the noise an impact rises above.
-        separation_s: the least time between two impacts.
-        skip_bad: leave out what is wrong, instead of refusing the whole.
+        out: the folder of the dataset, new or empty; that of the recordings with -dataset behind unless
+            given.
         overwrite: replace a dataset that this function wrote and nobody changed.
+        **stated: what the files do not say, by keys of ``dataset.toml``, its tables as dictionaries, and
+            more.
 
     Raises:
         InputError: everything that is wrong, or that is not known; nothing is written then.
     """
-    choices = Choices(
-        channel=channel, quantity=quantity, unit=unit, time=time, time_unit=time_unit, rate_hz=rate_hz,
-        scale=scale, offset=offset, crop=crop, pattern=pattern, gravity=gravity, zero=zero,
-        contact=contact,
-        table=None if table is None else Path(table),
-        shared={key: str(value) for key, value in (given or {}).items()},
-        recorder=dict(stated_table(recorder or {})),
-        text=dict(text or {}),
-        uncertainty=dict(stated_table(uncertainty or {})),
-        force="none" if force == "none" else dict(force or {}),
-    )  # fmt: skip
     out = default_out(folder) if out is None else out
-    write(
-        prepare(folder, choices),
-        out,
-        name=name,
-        cutting=Cutting(threshold, separation_s) if several else None,
-        skip_bad=skip_bad,
-        overwrite=overwrite,
-    )
+    write(prepare(folder, choices_of(**stated)), out, overwrite=overwrite)
     return read_dataset(out)
 
 
-def _summary(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
+def _summary(intake: Intake) -> list[tuple[str, str]]:
     """What was understood, as pairs of a heading and words."""
     choices, candidates = intake.choices, intake.recordings.candidates()
-    scaled = f", times {choices.scale:g}" if choices.scale != 1 else ""
-    scaled += f", plus {choices.offset:g}" if choices.offset else ""
-    if choices.time is not None:
-        times = f"channel {choices.time}, in {choices.time_unit or 's'}"
+    stated = {option: choices.stated(option) for option in PLACES}
+    scaled = f", times {stated['scale']:g}" if (stated["scale"] or 1) != 1 else ""
+    scaled += f", plus {stated['offset']:g}" if stated["offset"] else ""
+    if stated["time"] is not None:
+        times = f"channel {stated['time']}, in {stated['time_unit'] or 's'}"
     else:
         times = "the recorder's clock" if choices.rate_hz is None else f"{choices.rate_hz:g} Hz, as stated"
-    if choices.crop is not None:
-        times += f", from {choices.crop[0]:g} to {choices.crop[1]:g}"
+    if stated["crop"] is not None:
+        times += f", from {stated['crop'][0]:g} to {stated['crop'][1]:g}"
     cut_words = "one a recording"
-    if cutting is not None:
-        cut_words = f"cut apart: {cutting.threshold:g} standard deviations above the noise, "
-        cut_words += f"{cutting.separation_s:g} s apart at least"
-    falls = choices.gravity if isinstance(choices.gravity, str) else f"{choices.gravity or 0:g} m/s²"
-    falls += f", zero at {(choices.zero or 'free_fall').replace('_', ' ')}"
-    low_pass = ", ".join(f"{key} = {value}" for key, value in choices.recorder.items())
+    if choices.several:
+        cut_words = f"cut apart: {choices.threshold:g} standard deviations above the noise, "
+        cut_words += f"{choices.separation_s:g} s apart at least"
+    falls = stated["gravity"] if isinstance(stated["gravity"], str) else f"{stated['gravity'] or 0:g} m/s²"
+    falls += f", zero at {(stated['zero'] or 'free_fall').replace('_', ' ')}"
+    low_pass = ", ".join(f"{key} = {value}" for key, value in (stated["recorder"] or {}).items())
     sources = [f"names read as {choices.pattern}"] if choices.pattern else []
     sources += [f"the table {choices.table.name}"] if choices.table else []
-    sources += [f"{key} = {value} for all" for key, value in choices.shared.items()]
+    sources += [f"{key} = {value} for all" for key, value in choices.given.items()]
     return [
         ("files", f"{len(intake.recordings.files)}, with the channels {', '.join(candidates)}"),
         *(("written", words) for words in intake.written()),
         *(("passed over", words) for words in intake.passed_over()),
-        ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
-        *([("force beside it", _force_words(choices))] if choices.force_channel else []),
-        *([("gravity along the motion", falls)] if choices.gravity is not None else []),
-        *([("contact", choices.contact.replace("_", " "))] if choices.contact else []),
+        ("values", f"{stated['quantity']}, channel {stated['channel']}{scaled}, in {stated['unit']}"),
+        *([("force beside it", _force_words(choices.beside))] if choices.beside else []),
+        *([("gravity along the motion", falls)] if stated["gravity"] is not None else []),
+        *([("contact", stated["contact"].replace("_", " "))] if stated["contact"] else []),
         ("times", times),
-        *([("low-pass", low_pass)] if choices.recorder else []),
+        *([("low-pass", low_pass)] if low_pass else []),
         ("impacts", cut_words),
         ("facts", "; ".join(sources)),
     ]
 
 
-def _force_words(choices: Choices) -> str:
+def _force_words(known: Mapping[str, Any]) -> str:
     """Where the force stands and was recorded."""
     first = ("value_column", "unit", "place", "name", "quantity")
-    known = choices.force_channel
     further = "".join(f", {key} = {value}" for key, value in known.items() if key not in first)
     return f"channel {known['value_column']}, in {known['unit']}, at the {known['place']}{further}"
 

@@ -12,8 +12,8 @@ from pathlib import PurePosixPath
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY
 from bayestissue.dataset.files import Source
+from bayestissue.dataset.settings import STANDARD_GRAVITY
 from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.folder import File

@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayestissue.dataset.settings import Gravity, RecorderSettings
+from bayestissue.dataset.settings import Gravity, LowPassFilter
 from bayestissue.elements import element
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
@@ -194,7 +194,7 @@ def spreads_of_nuisance(specification: ModelSpecification, nuisance: Sequence[st
 
 
 def simulation_of(
-    recording: RecordedDeceleration, *, recorder: RecorderSettings | None = None, gravity: Gravity = "none"
+    recording: RecordedDeceleration, *, recorder: LowPassFilter | None = None, gravity: Gravity = "none"
 ) -> Simulation:
     """A specification of which the measuring chain alone counts."""
     tissue = Tissue(K_N_per_m=3000.0, C_N_s_per_m=25.0)

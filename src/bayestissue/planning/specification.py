@@ -10,7 +10,7 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from bayestissue import runtime
-from bayestissue.dataset.settings import Gravity, RecorderSettings, WordSettings
+from bayestissue.dataset.settings import Gravity, LowPassFilter, WordSettings
 from bayestissue.planning.population import BLOCK, Population
 from bayestissue.settings import Table, checked, parse_toml, read_text
 from bayestissue.simulation.specification import (
@@ -244,7 +244,7 @@ class PlanSpecification(Table):
     reference_mass_kg: Positive | None = None
     candidates: Candidates
     recording: RecordedDeceleration = USUAL
-    recorder: RecorderSettings | None = None
+    recorder: LowPassFilter | None = None
     gravity: Gravity = "none"
     population: Population = Population()
     pilot: str | None = None

@@ -20,7 +20,7 @@ from bayestissue.outline import first_of
 from bayestissue.report.page import render_page
 from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Row, Table, columns, frame_table
-from bayestissue.signal import Displacements, displacements
+from bayestissue.signal import Displacements
 from bayestissue.signal.force import Force
 from bayestissue.words import Words
 
@@ -206,8 +206,8 @@ def _check_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Pane
         "velocity": (inside, signal.v[index, :n]),
         "displacement": (inside, signal.x[index, :n]),
     }
-    for channel in dataset.channels:
-        recorded = channel.traces[index]
+    for traces in dataset.further:
+        recorded = traces[index]
         since = 1e3 * (recorded.time_s - signal.contact_time_s[index])
         around = (since > -to_peak) & (since < last)
         curves["recorded force"] = (since[around], recorded.value[around])
@@ -279,6 +279,7 @@ MOST_INIT_PANELS = 120
 
 def init_page(
     dataset: Dataset,
+    signal: Displacements,
     *,
     understood: Sequence[tuple[str, str]],
     left_out: Sequence[Problem],
@@ -288,13 +289,13 @@ def init_page(
 
     Args:
         dataset: as it was read back.
+        signal: its decelerations and displacements.
         understood: pairs of a heading and words.
         left_out: what was wrong with recordings that are not in the dataset.
         notes: what somebody should know who does not look at the panels.
     """
     total = len(dataset.impacts)
     which = np.arange(min(total, MOST_INIT_PANELS))
-    signal = displacements(dataset)
     return render_page(
         "init.html",
         dataset=dataset,
@@ -334,8 +335,9 @@ def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel
     near = near if near.any() else np.ones_like(near)
     peak = int(np.argmax(value))
     shown: Panel = {"recorded": (time[near], value[near])}
-    for channel in dataset.channels if dataset.quantity != "displacement" else ():
-        force_trace = channel.traces[index]
+    channels = zip(dataset.channels, dataset.further, strict=True)
+    for channel, traces in channels if dataset.quantity != "displacement" else ():
+        force_trace = traces[index]
         then = 1e3 * force_trace.time_s
         around = (then >= time[near][0]) & (then <= time[near][-1])
         behind = float(signal.mass[index]) - channel.tip_mass_kg

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY, Quantity
+from bayestissue.dataset.settings import STANDARD_GRAVITY, Quantity
 from bayestissue.dataset.traces import Trace, Traces
 from bayestissue.signal.settings import CONTACT, SignalOptions
 from bayestissue.signal.traces import (

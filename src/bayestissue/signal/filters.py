@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Num
 from scipy.linalg import toeplitz
 
-from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.signal.settings import FILTER
 from bayestissue.signal.traces import Column, Rows
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 _SHARES = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 61)])
 
 
-def on_even_grid(values: Rows, rate: float, recorder: Recorder) -> Rows:
+def on_even_grid(values: Rows, rate: float, recorder: LowPassFilter) -> Rows:
     """The values as the recorder's filter passes them, from rest before the first sample.
 
     Args:
@@ -38,7 +37,7 @@ def on_even_grid(values: Rows, rate: float, recorder: Recorder) -> Rows:
     return sosfilt(sections, once[:, ::-1], axis=1)[:, ::-1] if recorder.zero_phase else once
 
 
-def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.ndarray, " mode"]]:
+def modes(recorder: LowPassFilter) -> tuple[Complex[np.ndarray, " mode"], Complex[np.ndarray, " mode"]]:
     """Poles p_k [rad/s] and weights c_k of the filter's answer to an impulse, Re sum_k c_k e^(p_k t).
 
     Of two complex conjugate poles one is there, with twice its weight. Run forwards and backwards, the
@@ -58,7 +57,7 @@ def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.
 
 
 def autocorrelation(
-    recorder: Recorder, lag: Num[np.ndarray, "*lags"], dt: float
+    recorder: LowPassFilter, lag: Num[np.ndarray, "*lags"], dt: float
 ) -> Float[np.ndarray, "*lags"]:
     """Of white noise that went through the filter, 1 at a lag of 0.
 
@@ -74,7 +73,7 @@ def autocorrelation(
     """
     if recorder.digital:
         return _of_samples(recorder, np.abs(lag), dt)
-    upper, weights = modes(replace(recorder, zero_phase=True))
+    upper, weights = modes(recorder.model_copy(update={"zero_phase": True}))
     time = dt * np.abs(lag)[..., None, None]
     if not recorder.zero_phase:
         correlation = (weights * np.exp(upper * time[..., 0])).sum(-1).real
@@ -95,7 +94,7 @@ def autocorrelation(
     return parts.sum((-2, -1)).real / at_zero.sum().real
 
 
-def _of_samples(recorder: Recorder, lag: np.ndarray, dt: float) -> np.ndarray:
+def _of_samples(recorder: LowPassFilter, lag: np.ndarray, dt: float) -> np.ndarray:
     """Over a circle that is long enough for the correlations to die away."""
     from scipy.signal import sosfreqz
 
@@ -106,7 +105,7 @@ def _of_samples(recorder: Recorder, lag: np.ndarray, dt: float) -> np.ndarray:
 
 
 def answers(
-    recorder: Recorder, since: Float[np.ndarray, "*time"]
+    recorder: LowPassFilter, since: Float[np.ndarray, "*time"]
 ) -> tuple[Float[np.ndarray, "*time"], Float[np.ndarray, "*time"]]:
     """The filter's answers to a unit step and to a unit ramp that began so long ago [s], run forwards."""
     poles, weights = modes(recorder)
@@ -115,7 +114,7 @@ def answers(
     return (weights * grown).sum(-1).real, (weights / poles * (grown - late)).sum(-1).real
 
 
-def decay(recorder: Recorder, dt: Float[np.ndarray, "*dt"] | float) -> Float[np.ndarray, "*dt"]:
+def decay(recorder: LowPassFilter, dt: Float[np.ndarray, "*dt"] | float) -> Float[np.ndarray, "*dt"]:
     """How fast the slowest part of the filter's answer dies away, 1/s.
 
     Args:
@@ -132,14 +131,14 @@ def decay(recorder: Recorder, dt: Float[np.ndarray, "*dt"] | float) -> Float[np.
     return -np.log(np.maximum(np.abs((1 + q) / (1 - q)).max(-1), FILTER.left_out)) / dt
 
 
-def ahead_s(recorder: Recorder | None, dt: Column) -> Column:
+def ahead_s(recorder: LowPassFilter | None, dt: Column) -> Column:
     """How long before contact a filter that is run backwards too answers, s, to a thousandth; else 0."""
     if recorder is None or not recorder.zero_phase:
         return np.zeros_like(dt)
     return -np.log(FILTER.left_out) / decay(recorder, dt)
 
 
-def delay(recorder: Recorder) -> float:
+def delay(recorder: LowPassFilter) -> float:
     """When the filter's answer to a step passes a half, s; 0 run forwards and backwards."""
     if recorder.zero_phase:
         return 0.0
@@ -148,7 +147,7 @@ def delay(recorder: Recorder) -> float:
     return float(np.interp(0.5, np.maximum.accumulate(step), time))
 
 
-def _design(recorder: Recorder, **how: Any) -> Any:
+def _design(recorder: LowPassFilter, **how: Any) -> Any:
     """By scipy.signal, as poles and zeros of a continuous filter or as sections of a digital one."""
     from scipy.signal import bessel, butter
 
@@ -188,7 +187,7 @@ def white_share(dataset: Dataset, signal: Displacements) -> float:
 
 
 def _quiet_parts(
-    dataset: Dataset, signal: Displacements, recorder: Recorder
+    dataset: Dataset, signal: Displacements, recorder: LowPassFilter
 ) -> list[tuple[Float[np.ndarray, " sample"], float]]:
     """What was recorded before an impact could show, and the sampling interval, where that is noise."""
     first = signal.contact_time_s + signal.first_sample_s
@@ -206,7 +205,7 @@ def _quiet_parts(
     return parts
 
 
-def _spectrum(recorder: Recorder, length: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def _spectrum(recorder: LowPassFilter, length: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and eigenvectors of R about the mean, that of the mean itself left out."""
     centred = np.eye(length) - 1 / length
     correlations = toeplitz(autocorrelation(recorder, np.arange(length), dt))

@@ -26,8 +26,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.dataset.chain import Recorder
-from bayestissue.dataset.model import Channel, Dataset
+from bayestissue.dataset.model import Dataset
+from bayestissue.dataset.settings import ChannelSettings, LowPassFilter
 from bayestissue.signal.displacement import FEWEST_SAMPLES, Displacements
 from bayestissue.signal.filters import on_even_grid
 from bayestissue.signal.traces import PaddedTraces, segment_moments, stack
@@ -75,7 +75,7 @@ class Force:
             that is declared of V, and there is no lag.
     """
 
-    channel: Channel
+    channel: ChannelSettings
     since_contact: Float[np.ndarray, "impact sample"]
     value: Float[np.ndarray, "impact sample"]
     expected: Float[np.ndarray, "impact sample"]
@@ -195,9 +195,9 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
     )
 
 
-def _impulses(dataset: Dataset, channel: Channel, signal: Displacements) -> Force:
+def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
     """Impulse of the force against what the declared mass lost, at the samples of the displacement."""
-    force, mass = stack(channel.traces), (signal.mass - channel.tip_mass_kg)[:, None]
+    force, mass = stack(*dataset.further), (signal.mass - channel.tip_mass_kg)[:, None]
     since, inside = signal.since_contact_s, np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     inside &= since >= 0
     times = (force.start - signal.contact_time_s)[:, None] + force.time_s
@@ -234,7 +234,7 @@ def _impulses(dataset: Dataset, channel: Channel, signal: Displacements) -> Forc
     )
 
 
-def _forces(dataset: Dataset, channel: Channel, signal: Displacements) -> Force:
+def _forces(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
     """The force against mass times deceleration."""
     beside = _Beside(*_as_comparable(dataset, channel, signal), signal, channel.tip_mass_kg)
     curve, since_contact, inside = beside.curve, beside.since_contact, beside.inside
@@ -369,7 +369,7 @@ class _Beside:
         late = np.nanmedian(np.where(matched.whole, matched.lag, np.nan)) > 0
         dt, zero = slowing.dt if late else force.dt, _first_mean(force, self.signal.contact_time_s)
         for corner in _CORNERS_HZ[0.2 / np.max(dt) > _CORNERS_HZ]:
-            low_pass = Recorder(float(corner))
+            low_pass = LowPassFilter(low_pass_hz=float(corner))
             if late:
                 passed = _Expected(_passed(slowing, low_pass, 0.0), self.signal, self.tip_mass_kg)
                 least[corner] = left(values, passed.at(since_contact))
@@ -381,10 +381,10 @@ class _Beside:
 
 
 def _as_comparable(
-    dataset: Dataset, channel: Channel, signal: Displacements
+    dataset: Dataset, channel: ChannelSettings, signal: Displacements
 ) -> tuple[PaddedTraces, PaddedTraces]:
     """The force, and the deceleration without its zero; each through both low-passes if these differ."""
-    force, slowing = stack(channel.traces), stack(dataset.traces.slowing(dataset.quantity))
+    force, slowing = stack(*dataset.further), stack(dataset.traces.slowing(dataset.quantity))
     slowing = replace(slowing, value=np.where(slowing.inside, slowing.value - signal.offset[:, None], 0.0))
     if channel.recorder != dataset.recorder:
         slowing = _passed(slowing, channel.recorder, 0.0)
@@ -423,7 +423,7 @@ class _Expected:
 
 
 def _passed(
-    recorded: PaddedTraces, recorder: Recorder | None, zero: Float[np.ndarray, "impact 1"] | float
+    recorded: PaddedTraces, recorder: LowPassFilter | None, zero: Float[np.ndarray, "impact 1"] | float
 ) -> PaddedTraces:
     """What a low-pass makes of recordings whose zero is known; as they are where it passes all of them."""
     if recorder is None or recorded.uneven.any():

@@ -33,7 +33,7 @@ from jaxtyping import Float
 from scipy.special import log_ndtr, logsumexp, softmax
 from scipy.stats import norm
 
-from bayestissue.dataset.chain import Contact
+from bayestissue.dataset.settings import Contact
 from bayestissue.signal.settings import PHASE
 from bayestissue.signal.traces import Column, Mask
 

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.dataset import write_dataset
-from bayestissue.dataset.chain import Contact, Recorder, Uncertainty
 from bayestissue.dataset.impacts import REFERENCE
-from bayestissue.dataset.model import Channel, Dataset, channel_settings
-from bayestissue.dataset.settings import gravity_m_s2
+from bayestissue.dataset.model import Dataset
+from bayestissue.dataset.settings import LowPassFilter, Settings, gravity_m_s2
 from bayestissue.dataset.traces import Traces
+from bayestissue.elements import element
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.results.tables import write_table
 from bayestissue.signal.filters import decay, on_even_grid
 from bayestissue.simulation.contact import deceleration, leaves, tissue_force, what_is_met
-from bayestissue.simulation.specification import Phantom, RecordedForce, Recording, Simulation, Tissue
+from bayestissue.simulation.specification import Phantom, RecordedForce, Simulation, Tissue
 
 # Of the trace table, beside ``value``.
 FORCE_COLUMN = "force_N"
@@ -35,38 +35,26 @@ _NOISE_FINER = 8
 
 @dataclass(frozen=True)
 class Campaign:
-    """What was simulated.
+    """A dataset and what it was made from.
 
     Attributes:
+        settings: what its ``dataset.toml`` says.
         impacts: the table that a lab would have: ``impact``, ``subject``, ``trial``, ``mass_kg``,
             ``velocity_m_s``, ``energy_J``, ``sampling_rate_hz``, and the design's further factors.
         truth: one row per impact, with what the lab would like to know.
         n_samples: [impact], samples of each recording.
         time: [sample], s, all recordings one after another; each recorder's clock starts at 0.
-        value: [sample], recorded deceleration, m/s².
-        uncertainty: standard deviations of the measuring chain.
-        contact: at a sample, or between two.
-        recorder: the low-pass that the recordings went through, if any.
-        gravity: along the motion, m/s²; what is recorded is then force over mass.
-        headform: whether the impactor stands for a head.
+        value: [sample], recorded deceleration, m/s²; along gravity it is force over mass.
         force: [sample], recorded beside it, N; None where none was.
-        force_channel: what is declared of it, without recordings.
-        force_limit: its sensor's, N.
     """
 
+    settings: Settings
     impacts: pd.DataFrame
     truth: pd.DataFrame
     n_samples: Int[np.ndarray, " impact"]
     time: Float[np.ndarray, " sample"]
     value: Float[np.ndarray, " sample"]
-    uncertainty: Uncertainty
-    contact: Contact
-    recorder: Recorder | None = None
-    gravity: float = 0.0
-    headform: bool = False
     force: Float[np.ndarray, " sample"] | None = None
-    force_channel: Channel | None = None
-    force_limit: float = np.inf
 
     def traces(self) -> pd.DataFrame:
         """The long trace table: ``impact``, ``time_s``, ``value`` and, where it was recorded, ``force_N``."""
@@ -78,28 +66,14 @@ class Campaign:
     def dataset(self, name: str) -> Dataset:
         """The campaign as a dataset, as if it had been written and read, without a folder or a hash."""
         start = np.cumsum([0, *self.n_samples])
-        channels: tuple[Channel, ...] = ()
-        if self.force is not None and self.force_channel is not None:
-            clipped = np.where(np.abs(self.force) >= self.force_limit, np.sign(self.force), 0).astype(np.int8)
-            traces = Traces(self.time, self.force, start, clipped=clipped if clipped.any() else None)
-            channels = (replace(self.force_channel, traces=traces),)
-        return Dataset(
-            name=name,
-            description="",
-            impacts=self.impacts,
-            traces=Traces(self.time, self.value, start),
-            quantity="deceleration",
-            uncertainty=self.uncertainty,
-            warnings=(),
-            left_out=(),
-            folder=None,
-            input_hash="",
-            contact=self.contact,
-            recorder=self.recorder,
-            gravity=self.gravity,
-            headform=self.headform,
-            channels=channels,
-        )
+        settings = self.settings.in_si().model_copy(update={"name": name})
+        data = Dataset(settings, self.impacts, Traces(self.time, self.value, start))
+        if self.force is None:
+            return data
+        limit = self.settings.channel[0].limit or np.inf
+        clipped = np.where(np.abs(self.force) >= limit, np.sign(self.force), 0).astype(np.int8)
+        forces = Traces(self.time, self.force, start, clipped=clipped if clipped.any() else None)
+        return replace(data, further=(forces,))
 
 
 def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
@@ -145,49 +119,66 @@ def _of_phantom(simulation: Simulation, phantom: Phantom) -> Simulation:
     return simulation.model_copy(update={"tissue": tissue, "design": design})
 
 
+class _Streams(NamedTuple):
+    """Random numbers of each kind, so that more of one leaves the others as they are."""
+
+    tissue: np.random.Generator
+    chain: np.random.Generator
+    noise: np.random.Generator
+    further: np.random.Generator
+    groups: np.random.Generator
+    factors: np.random.Generator
+    forces: np.random.Generator
+
+
 def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
     """People alone, or a phantom alone."""
-    streams = np.random.SeedSequence(seed).spawn(7)
-    tissue, chain, noise, further, groups, factors, forces = (
-        np.random.default_rng(stream) for stream in streams
-    )
-    impacts = _impacts(simulation, factors)
-    truth = _truth(simulation, impacts, tissue, chain, further, groups)
+    seeds = np.random.SeedSequence(seed).spawn(len(_Streams._fields))
+    random = _Streams(*map(np.random.default_rng, seeds))
+    impacts = _impacts(simulation, random.factors)
+    truth = _truth(simulation, impacts, random)
     rate = simulation.recording.sampling_rate_hz
     end = truth["contact_time_s"].to_numpy() + leaves(truth)
     n = np.ceil((end + simulation.recording.after_contact_s) * rate).astype(int) + 1
     sample = np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)
-    if simulation.recording.force is not None:
-        truth = truth.assign(**_of_force(simulation.recording.force, len(truth), forces))
-    parts, of_force = zip(*_recorded(simulation, truth, n, noise, forces), strict=True)
+    force = simulation.recording.force
+    if force is not None:
+        truth = truth.assign(**_of_force(force, len(truth), random.forces))
+    parts, of_force = zip(*_recorded(simulation, truth, n, random), strict=True)
     value = np.concatenate(parts)
     if simulation.output.decimals is not None:
         value = np.round(value, simulation.output.decimals)
     value = value.astype(np.float32) if simulation.output.float32 else value
-    recording = simulation.recording
-    uncertainty = Uncertainty(
-        recording.relative_mass_sd,
-        recording.velocity_sd_m_s,
-        recording.relative_gain_sd,
-        recording.offset_sd_m_s2,
-    )
-    recorder = simulation.recorder.values() if simulation.recorder else None
-    gravity = gravity_m_s2(simulation.gravity)
-    chain_of = uncertainty, recording.contact, recorder, gravity, simulation.headform
-    time = np.round(sample / rate, 9)
-    if recording.force is None:
-        return Campaign(impacts, truth, n, time, value, *chain_of)
-    return Campaign(
-        impacts,
-        truth,
-        n,
-        time,
-        value,
-        *chain_of,
-        np.concatenate(of_force),
-        _channel(recording.force),
-        recording.force.limit_N or np.inf,
-    )
+    time, forces = np.round(sample / rate, 9), None if force is None else np.concatenate(of_force)
+    return Campaign(_settings(simulation), impacts, truth, n, time, value, forces)
+
+
+def _settings(simulation: Simulation) -> Settings:
+    """What a lab would declare."""
+    recording, force, gravity = simulation.recording, simulation.recording.force, simulation.gravity
+    content: dict[str, Any] = {
+        "name": simulation.name,
+        "description": simulation.description or "Simulated; truth.csv holds what it was made from.",
+        "source": "bayestissue simulate",
+        "signal": {"quantity": "deceleration", "unit": "m/s^2", "contact": recording.contact},
+        "uncertainty": {
+            "relative_mass_sd": recording.relative_mass_sd,
+            "velocity_sd_m_s": recording.velocity_sd_m_s,
+            "relative_gain_sd": recording.relative_gain_sd,
+            "offset_sd": recording.offset_sd_m_s2,
+        },
+        "recorder": simulation.recorder,
+    }
+    if gravity_m_s2(gravity):
+        content["signal"]["gravity"] = gravity_m_s2(gravity)
+    if simulation.headform:
+        content["impactor"] = {"headform": True}
+    if force is not None:
+        known = {"relative_gain_sd", "tip_mass_kg", "recorder"}
+        channel: dict[str, Any] = {"name": "force", "quantity": "force", "place": force.place, "unit": "N"}
+        channel |= {"value_column": FORCE_COLUMN, "limit": force.limit_N}
+        content["channel"] = [channel | force.model_dump(include=known, exclude_defaults=True)]
+    return Settings.model_validate(content)
 
 
 def _of_force(force: RecordedForce, count: int, random: np.random.Generator) -> dict[str, Any]:
@@ -196,13 +187,6 @@ def _of_force(force: RecordedForce, count: int, random: np.random.Generator) -> 
         "force_gain": 1 + force.relative_gain_sd * random.standard_normal(),
         "force_offset_N": force.offset_sd_N * random.standard_normal(count),
     }
-
-
-def _channel(force: RecordedForce) -> Channel:
-    """What a lab would declare of it."""
-    recorder = force.recorder.values() if force.recorder else None
-    declared = force.relative_gain_sd, force.tip_mass_kg, recorder
-    return Channel("force", "force", force.place, Traces.of([]), *declared)
 
 
 def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFrame:
@@ -238,51 +222,45 @@ def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFram
     return table[columns + ["diameter_m"] * ("diameter_m" in table)]
 
 
-def _truth(
-    simulation: Simulation,
-    impacts: pd.DataFrame,
-    tissue: np.random.Generator,
-    chain: np.random.Generator,
-    further: np.random.Generator,
-    groups: np.random.Generator,
-) -> pd.DataFrame:
-    recording, count = simulation.recording, len(impacts)
+def _truth(simulation: Simulation, impacts: pd.DataFrame, random: _Streams) -> pd.DataFrame:
+    recording, tissue, count = simulation.recording, simulation.tissue, len(impacts)
+    chain, rate = random.chain, recording.sampling_rate_hz
     stated = impacts["mass_kg"].to_numpy() * recording.mass_factor
     mass = stated * (1 + recording.relative_mass_sd * chain.standard_normal(count))
     velocity = impacts["velocity_m_s"].to_numpy() + recording.velocity_sd_m_s * chain.standard_normal(count)
     gain = 1 + recording.relative_gain_sd * chain.standard_normal(count)
     offset = recording.offset_sd_m_s2 * chain.standard_normal(count)
     since_sample = chain.uniform(size=count)
-    contact = recording.before_contact_s + since_sample / recording.sampling_rate_hz
+    contact = recording.before_contact_s + since_sample / rate
     if recording.contact == "on_sample":
-        before = np.ceil(recording.before_contact_s * recording.sampling_rate_hz)
-        contact = np.full(count, before / recording.sampling_rate_hz)
-    size = np.log(mass / simulation.tissue.reference_mass_kg)
-    effects = _effects(simulation.tissue, impacts, tissue)
-    _add_group_terms(simulation.tissue, impacts, size, groups, effects)
+        contact = np.full(count, np.ceil(recording.before_contact_s * rate) / rate)
+    size = np.log(mass / tissue.reference_mass_kg)
+    effects = _effects(tissue, impacts, random.tissue)
+    _add_group_terms(tissue, impacts, size, random.groups, effects)
     stiffness, damping = (
-        getattr(simulation.tissue, name)
-        * np.exp(getattr(simulation.tissue, f"mass_exponent_{name[0]}") * size + effects[name[0]])
+        getattr(tissue, name) * np.exp(getattr(tissue, f"mass_exponent_{name[0]}") * size + effects[name[0]])
         for name in ("K_N_per_m", "C_N_s_per_m")
     )
-    responses = ("K", "C", *simulation.tissue.parameters)
-    motion = (mass, velocity, gravity_m_s2(simulation.gravity), simulation.headform)
-    met = what_is_met(simulation.tissue, impacts, stiffness, damping, *motion, further, effects)
-    return pd.DataFrame(
+    scatter = tissue.sd_impact_parameters * random.further.standard_normal((len(tissue.parameters), count))
+    names = [parameter.name for parameter in element(tissue.element).extra]
+    logs = {name: s + effects.get(name, 0.0) for name, s in zip(names, scatter, strict=True)}
+    truth = pd.DataFrame(
         {
             "impact": impacts["impact"],
             "K_N_per_m": stiffness,
             "C_N_s_per_m": damping,
-            **{name: met.pop(name) for name in ("omega_n_rad_s", "zeta")},
             "mass_kg": mass,
             "velocity_m_s": velocity,
             "gain": gain,
             "offset_m_s2": offset,
             "contact_time_s": contact,
-            **met,
-            **{name: effect for name, effect in effects.items() if name not in responses},
+            **{name: tissue.parameters[name] * np.exp(log) for name, log in logs.items()},
+            **({"diameter_m": impacts["diameter_m"]} if "diameter_m" in impacts else {}),
         }
     )
+    responses = ("K", "C", *tissue.parameters)
+    columns = {name: effect for name, effect in effects.items() if name not in responses}
+    return what_is_met(simulation, truth).assign(**columns)
 
 
 def _effects(tissue: Tissue, impacts: pd.DataFrame, random: np.random.Generator) -> dict[str, np.ndarray]:
@@ -335,26 +313,76 @@ def _mixing(tissue: Tissue) -> Float[np.ndarray, "2 2"]:
     return np.array([[1, 0], [tissue.correlation, np.sqrt(1 - tissue.correlation**2)]])
 
 
+class _Chain(NamedTuple):
+    """What stands between a quantity and its values in the file.
+
+    Attributes:
+        recorder: the low-pass, if any.
+        gain, offset: columns of the truth.
+        noise_sd: standard deviation of the noise, and as a fraction of the peak, whose variances add up.
+        limit: the sensor clips beyond this, either way.
+        bits: the range has 2 to this power steps.
+    """
+
+    recorder: LowPassFilter | None
+    gain: str
+    offset: str
+    noise_sd: tuple[float, float]
+    limit: float | None
+    bits: int | None = None
+
+    def values(
+        self,
+        truth: pd.DataFrame,
+        exact: Float[np.ndarray, "impact sample"],
+        recorded: Bool[np.ndarray, "impact sample"],
+        noise: Float[np.ndarray, " recorded"],
+    ) -> Float[np.ndarray, " recorded"]:
+        """The samples that are recorded, one impact's after another's.
+
+        Args:
+            truth: the impacts.
+            exact: what comes out of the low-pass.
+            recorded: which samples are.
+            noise: of variance 1.
+        """
+        gain, offset = (truth[name].to_numpy()[:, None] for name in (self.gain, self.offset))
+        sd = np.hypot(self.noise_sd[0], self.noise_sd[1] * exact.max(axis=1, keepdims=True))
+        value = (gain * exact + offset)[recorded] + np.repeat(sd[:, 0], recorded.sum(axis=1)) * noise
+        if self.limit is None:
+            return value
+        value = np.clip(value, -self.limit, self.limit)
+        if self.bits is None:
+            return value
+        step = 2 * self.limit / 2**self.bits
+        return np.clip(np.round(value / step) * step, -self.limit, self.limit)
+
+
+def _chains(simulation: Simulation) -> tuple[_Chain, _Chain | None]:
+    """Of the deceleration, and of the force if one is recorded."""
+    recording, force = simulation.recording, simulation.recording.force
+    noise = recording.noise_sd_m_s2, recording.noise_relative_to_peak
+    columns, limits = ("gain", "offset_m_s2"), (recording.range_m_s2, recording.bits)
+    first = _Chain(simulation.recorder, *columns, noise, *limits)
+    if force is None:
+        return first, None
+    noise = force.noise_sd_N, force.noise_relative_to_peak
+    return first, _Chain(force.recorder, "force_gain", "force_offset_N", noise, force.limit_N)
+
+
 def _recorded(
-    simulation: Simulation,
-    truth: pd.DataFrame,
-    n: np.ndarray,
-    random: np.random.Generator,
-    of_force: np.random.Generator,
+    simulation: Simulation, truth: pd.DataFrame, n: np.ndarray, random: _Streams
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Recorded values, and forces where there are any, in blocks of impacts that bound the memory in use."""
-    recording = simulation.recording
-    rate, finer, ring = recording.sampling_rate_hz, 1, 0
-    gravity = gravity_m_s2(simulation.gravity)
-    recorder, force_recorder = (
-        settings.values() if settings else None
-        for settings in (simulation.recorder, recording.force and recording.force.recorder)
-    )
-    for one in (recorder, force_recorder):
-        if one is not None:
+    rate, finer, ring = simulation.recording.sampling_rate_hz, 1, 0
+    gravity, force = gravity_m_s2(simulation.gravity), simulation.recording.force
+    first, beside = _chains(simulation)
+    for chain in (first, beside):
+        if chain is not None and (one := chain.recorder) is not None:
             steps = 1 if one.digital else int(np.ceil(_FINER * max(1.0, one.low_pass_hz / rate)))
             # On either side until the filter has come to rest, forwards and backwards.
             finer, ring = max(finer, steps), max(ring, int(np.ceil(_AT_REST / decay(one, 1 / rate) * rate)))
+    grid = _Grid(rate, finer, ring)
     time = np.arange(-ring * finer, (n.max() + ring) * finer) / (rate * finer)
     rows = min(len(n), max(1, _BLOCK // len(time)))
     for begin in range(0, len(n), rows):
@@ -362,40 +390,53 @@ def _recorded(
         index = np.minimum(np.arange(begin, begin + rows), len(n) - 1)
         part = slice(begin, min(begin + rows, len(n)))
         met = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
-        moved = np.asarray(met)[: part.stop - begin]
-        d = _passed(moved, recorder, rate, finer, ring)
+        moved, block = np.asarray(met)[: part.stop - begin], truth.iloc[part]
+        d = grid.passed(moved, first.recorder)
         recorded = np.arange(d.shape[1]) < n[part, None]
-        noise = _noise(recorder, rate, ring, recorded, random)
-        force = np.empty(0)
-        if recording.force is not None:
-            pushes = _force(simulation, recording.force, truth.iloc[part], moved)
-            behind = _passed(pushes, force_recorder, rate, finer, ring)
-            noise_of_force = _noise(force_recorder, rate, ring, recorded, of_force)
-            force = _recorded_force(recording.force, truth.iloc[part], behind, recorded, noise_of_force)
-        yield _through_chain(recording, truth.iloc[part], d, recorded, noise), force
+        values = first.values(block, d, recorded, grid.noise(first.recorder, recorded, random.noise))
+        forces = np.empty(0)
+        if beside is not None and force is not None:
+            behind = grid.passed(_force(simulation, force, block, moved), beside.recorder)
+            noise = grid.noise(beside.recorder, recorded, random.forces)
+            forces = beside.values(block, behind, recorded, noise)
+        yield values, forces
 
 
-def _passed(
-    motion: Float[np.ndarray, "impact step"], recorder: Recorder | None, rate: float, finer: int, ring: int
-) -> Float[np.ndarray, "impact sample"]:
-    """What a recorder's low-pass makes of a motion in ``finer`` steps a sample, ``ring`` samples about it."""
-    if recorder is None or recorder.digital:
-        motion, finer = motion[:, ::finer], 1
-    passed = motion if recorder is None else on_even_grid(motion, rate * finer, recorder)
-    return passed[:, ring * finer : -ring * finer or None : finer]
+class _Grid(NamedTuple):
+    """Times of a motion: ``finer`` steps a sample, and ``ring`` samples more on either side."""
 
+    rate: float
+    finer: int
+    ring: int
 
-def _noise(
-    recorder: Recorder | None,
-    rate: float,
-    ring: int,
-    recorded: Bool[np.ndarray, "impact sample"],
-    random: np.random.Generator,
-) -> Float[np.ndarray, " recorded"]:
-    """Noise of variance 1 at the samples that are recorded, one impact's after another's."""
-    if recorder is not None and recorder.noise == "before":
-        return _filtered_noise(recorder, rate, ring, recorded.shape, random)[recorded]
-    return random.standard_normal(recorded.sum())
+    def passed(
+        self, motion: Float[np.ndarray, "impact step"], recorder: LowPassFilter | None
+    ) -> Float[np.ndarray, "impact sample"]:
+        """What a low-pass makes of a motion at these times, at the samples."""
+        finer = self.finer
+        if recorder is None or recorder.digital:
+            motion, finer = motion[:, ::finer], 1
+        passed = motion if recorder is None else on_even_grid(motion, self.rate * finer, recorder)
+        return passed[:, self.ring * finer : -self.ring * finer or None : finer]
+
+    def noise(
+        self,
+        recorder: LowPassFilter | None,
+        recorded: Bool[np.ndarray, "impact sample"],
+        random: np.random.Generator,
+    ) -> Float[np.ndarray, " recorded"]:
+        """Noise of variance 1 at the samples that are recorded, one impact's after another's."""
+        if recorder is None or recorder.noise != "before":
+            return random.standard_normal(recorded.sum())
+        # White before the filter, at the samples or finer.
+        finer = 1 if recorder.digital else int(np.ceil(_NOISE_FINER * recorder.low_pass_hz / self.rate))
+        rate, ring = self.rate * finer, self.ring * finer
+        impulse = np.zeros((1, 2 * max(self.ring, 1) * finer + 1))
+        impulse[0, impulse.shape[1] // 2] = 1
+        size = np.sqrt((on_even_grid(impulse, rate, recorder) ** 2).sum())
+        white = random.standard_normal((len(recorded), recorded.shape[1] * finer + 2 * ring))
+        filtered = on_even_grid(white, rate, recorder) / size
+        return filtered[:, ring : -ring or None : finer][recorded]
 
 
 def _force(
@@ -410,86 +451,15 @@ def _force(
     return (truth["mass_kg"].to_numpy()[:, None] - force.tip_mass_kg) * motion
 
 
-def _recorded_force(
-    force: RecordedForce,
-    truth: pd.DataFrame,
-    exact: Float[np.ndarray, "impact sample"],
-    recorded: Bool[np.ndarray, "impact sample"],
-    noise: Float[np.ndarray, " recorded"],
-) -> Float[np.ndarray, " recorded"]:
-    """(1 + gain) F + zero + noise of variance 1, in its unit, at the samples that are recorded.
-
-    F is ``exact``: that of `_force` behind the sensor's low-pass. One impact's samples after another's.
-    """
-    gain, offset = (truth[name].to_numpy()[:, None] for name in ("force_gain", "force_offset_N"))
-    sd = np.hypot(force.noise_sd_N, force.noise_relative_to_peak * exact.max(axis=1, keepdims=True))
-    noise = np.repeat(sd[:, 0], recorded.sum(axis=1)) * noise
-    value = (gain * exact + offset)[recorded] + noise
-    return value if force.limit_N is None else np.clip(value, -force.limit_N, force.limit_N)
-
-
-def _filtered_noise(
-    recorder: Recorder, rate: float, ring: int, shape: tuple[int, ...], random: np.random.Generator
-) -> Float[np.ndarray, "impact sample"]:
-    """Noise of variance 1 that was white before the filter, at the samples or finer."""
-    finer = 1 if recorder.digital else int(np.ceil(_NOISE_FINER * recorder.low_pass_hz / rate))
-    length = (shape[1] + 2 * ring) * finer
-    impulse = np.zeros((1, 2 * max(ring, 1) * finer + 1))
-    impulse[0, impulse.shape[1] // 2] = 1
-    size = np.sqrt((on_even_grid(impulse, rate * finer, recorder) ** 2).sum())
-    filtered = on_even_grid(random.standard_normal((shape[0], length)), rate * finer, recorder) / size
-    return filtered[:, ring * finer : -ring * finer or None : finer]
-
-
-def _through_chain(
-    recording: Recording,
-    truth: pd.DataFrame,
-    motion: Float[np.ndarray, "impact sample"],
-    recorded: Bool[np.ndarray, "impact sample"],
-    noise: Float[np.ndarray, " recorded"],
-) -> Float[np.ndarray, " recorded"]:
-    """The samples that are recorded, one impact's after another's; ``noise`` has variance 1."""
-    gain, offset = (truth[name].to_numpy()[:, None] for name in ("gain", "offset_m_s2"))
-    peak = motion.max(axis=1, keepdims=True)
-    sd = np.hypot(recording.noise_sd_m_s2, recording.noise_relative_to_peak * peak)
-    value = (gain * motion + offset)[recorded]
-    value = value + np.repeat(sd[:, 0], recorded.sum(axis=1)) * noise
-    if recording.range_m_s2 is not None:
-        value = np.clip(value, -recording.range_m_s2, recording.range_m_s2)
-        if recording.bits is not None:
-            step = 2 * recording.range_m_s2 / 2**recording.bits
-            value = np.clip(np.round(value / step) * step, -recording.range_m_s2, recording.range_m_s2)
-    return value
-
-
 def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> None:
     """Write ``dataset.toml``, ``impacts.csv``, the traces and ``truth.csv``.
 
     ``truth.csv`` has one row per impact. The parameters that all impacts share stand in the specification,
     which the caller copies beside it.
     """
-    settings: dict[str, Any] = {
-        "name": simulation.name,
-        "description": simulation.description or "Simulated; truth.csv holds what it was made from.",
-        "source": "bayestissue simulate",
-        "signal": {"quantity": "deceleration", "unit": "m/s^2"},
-        "uncertainty": asdict(campaign.uncertainty),
-    }
-    if campaign.gravity:
-        settings["signal"] |= {"gravity": campaign.gravity}
-    if campaign.headform:
-        settings["impactor"] = {"headform": True}
-    settings["signal"] |= {"contact": campaign.contact}
-    if campaign.recorder is not None:
-        settings["recorder"] = campaign.recorder.settings()
-    if campaign.force_channel is not None:
-        where: dict[str, Any] = {"value_column": FORCE_COLUMN}
-        if np.isfinite(campaign.force_limit):
-            where |= {"limit": campaign.force_limit}
-        settings["channel"] = [channel_settings(campaign.force_channel) | where]
     write_dataset(
         folder,
-        settings=settings,
+        settings=campaign.settings.stated(),
         impacts=campaign.impacts,
         traces=campaign.traces(),
         trace_file=f"traces.{simulation.output.traces}",  # type: ignore[arg-type]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,75 +11,55 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.dataset.settings import gravity_m_s2
 from bayestissue.elements import element, impact, outcomes
 from bayestissue.elements.element import impactor_share, inertia
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
 from bayestissue.oscillator import impact_motion, spring_damper_inverse
 from bayestissue.padding import bucket
-from bayestissue.simulation.specification import Tissue
+from bayestissue.simulation.specification import Simulation
 
 # A soft damper in series with the spring lets a mass creep for ever: it is recorded for so long.
 _NEVER_RESTS_S = 1.0
 
 
-def what_is_met(
-    tissue: Tissue,
-    impacts: pd.DataFrame,
-    K: Float[np.ndarray, " impact"],
-    C: Float[np.ndarray, " impact"],
-    mass: Float[np.ndarray, " impact"],
-    velocity: Float[np.ndarray, " impact"],
-    gravity: float,
-    headform: bool,
-    random: np.random.Generator,
-    effects: Mapping[str, Float[np.ndarray, " impact"]],
-) -> dict[str, np.ndarray]:
-    """Columns of the truth that follow from K, C and the element, whose other parameters are drawn here.
+def what_is_met(simulation: Simulation, truth: pd.DataFrame) -> pd.DataFrame:
+    """The truth with all that follows from mass, velocity and the element's parameters in it.
 
-    All outcomes of the impact are among them, at the true mass and velocity.
-
-    Of those the ``effects`` of groups are added to the log.
+    All outcomes of the impact are among it, at the true mass and velocity.
 
     omega_n and zeta are those of stiffness and damping as they compare across elements: K_secant and
-    C_equivalent of `bayestissue.elements.Outcomes`, and of all mass that moves. Along gravity, m/s², a spring
-    and damper also has a moment of its own at which it leaves, or none.
+    C_equivalent of `bayestissue.elements.Outcomes`, and of all mass that moves. Along gravity a spring and
+    damper also has a moment of its own at which it leaves, or none.
     """
-    names = [parameter.name for parameter in element(tissue.element).extra]
-    scatter = tissue.sd_impact_parameters * random.standard_normal((len(tissue.parameters), len(K)))
-    logs = {name: s + effects.get(name, 0.0) for name, s in zip(names, scatter, strict=True)}
-    further = {name: tissue.parameters[name] * np.exp(log) for name, log in logs.items()}
-    size = {"diameter_m": impacts["diameter_m"].to_numpy()} if "diameter_m" in impacts else {}
-    p = {name: jnp.asarray(value) for name, value in {"K": K, "C": C, **further}.items()}
-    comes = jax.device_get(
-        outcomes(
-            *(tissue.element, p, mass, velocity),
-            diameter=size.get("diameter_m"),
-            gravity=gravity or None,
-            headform=headform,
-        )
+    name, gravity = simulation.tissue.element, gravity_m_s2(simulation.gravity) or None
+    p, mass, velocity = (
+        _parameters(name, truth),
+        truth["mass_kg"].to_numpy(),
+        truth["velocity_m_s"].to_numpy(),
     )
-    known = {column: getattr(comes, name) for name, column in HEADFORM_COLUMNS.items()}
-    moves = inertia(element(tissue.element), p, jnp.asarray(mass))
+    surroundings: Any = {"diameter": _diameter(truth), "gravity": gravity, "headform": simulation.headform}
+    comes = jax.device_get(outcomes(name, p, mass, velocity, **surroundings))
+    known = {column: getattr(comes, outcome) for outcome, column in HEADFORM_COLUMNS.items()}
+    moves = inertia(element(name), p, jnp.asarray(mass))
     omega_n, zeta = map(np.asarray, spring_damper_inverse(comes.K_secant, comes.C_equivalent, moves))
-    columns = {
-        "omega_n_rad_s": omega_n,
-        "zeta": zeta,
-        **{column: value for column, value in known.items() if value is not None},
-    }
-    side_by_side = tissue.element == SIDE_BY_SIDE
-    if gravity or not side_by_side:
+    columns = {column: value for column, value in known.items() if value is not None}
+    if gravity or name != SIDE_BY_SIDE:
         columns["leaves_s"] = _until(comes.contact_duration, comes.time_to_peak)
-    if side_by_side:
-        return columns
-    return {
-        **columns,
-        **further,
-        **size,
-        "K_secant_N_per_m": comes.K_secant,
-        "C_equivalent_N_s_per_m": comes.C_equivalent,
-        "energy_lost": comes.energy_lost,
-    }
+    of_element = [parameter.name for parameter in element(name).extra]
+    sizes = {column: truth[column] for column in (*of_element, "diameter_m") if column in truth}
+    truth = truth.drop(columns=list(sizes))
+    truth.insert(3, "omega_n_rad_s", omega_n)
+    truth.insert(4, "zeta", zeta)
+    if name != SIDE_BY_SIDE:
+        columns |= {
+            **sizes,
+            "K_secant_N_per_m": comes.K_secant,
+            "C_equivalent_N_s_per_m": comes.C_equivalent,
+            "energy_lost": comes.energy_lost,
+        }
+    return truth.assign(**columns)
 
 
 def _until(end: np.ndarray, peak: np.ndarray) -> np.ndarray:
@@ -111,13 +91,12 @@ def deceleration(
     time = np.pad(time, (0, bucket(samples) - samples), mode="edge")
     if name == SIDE_BY_SIDE and not gravity:
         names = ["omega_n_rad_s", "zeta", "velocity_m_s"]
-        others = (truth[column].to_numpy()[:, None] for column in names)
-        return _side_by_side(time, contact, leaves(truth)[:, None], *others)[:, :samples]
+        motion = tuple(truth[column].to_numpy()[:, None] for column in names)
+        return _side_by_side(time, contact, leaves(truth)[:, None], motion)[:, :samples]
     p = _parameters(name, truth)
-    diameter = truth["diameter_m"].to_numpy() if "diameter_m" in truth else None
     since = jnp.asarray(time - contact)
     mass, velocity = truth["mass_kg"].to_numpy(), truth["velocity_m_s"].to_numpy()
-    surroundings = {"diameter": diameter, "gravity": gravity or None}
+    surroundings = {"diameter": _diameter(truth), "gravity": gravity or None}
     return impact(name, p, mass, velocity, since, **surroundings).deceleration[:, :samples]
 
 
@@ -141,6 +120,10 @@ def tissue_force(
     return mass[:, None] / share * np.where(pushes, deceleration - (1 - share) * gravity, 0.0)
 
 
+def _diameter(truth: pd.DataFrame) -> Float[np.ndarray, " impact"] | None:
+    return truth["diameter_m"].to_numpy() if "diameter_m" in truth else None
+
+
 def _parameters(name: str, truth: pd.DataFrame) -> dict[str, Array]:
     """Of the element, by name, each [impact]."""
     columns = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
@@ -149,9 +132,7 @@ def _parameters(name: str, truth: pd.DataFrame) -> dict[str, Array]:
 
 
 @jax.jit
-def _side_by_side(
-    time: Array, contact: Array, leaves: Array, omega_n: Array, zeta: Array, velocity: Array
-) -> Array:
+def _side_by_side(time: Array, contact: Array, leaves: Array, motion: tuple[Array, ...]) -> Array:
     since = time - contact
-    motion = impact_motion(jnp.maximum(since, 0), omega_n, zeta, velocity)
-    return jnp.where((since >= 0) & (since < leaves), motion.deceleration, 0)
+    moved = impact_motion(jnp.maximum(since, 0), *motion)
+    return jnp.where((since >= 0) & (since < leaves), moved.deceleration, 0)

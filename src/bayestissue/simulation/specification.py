@@ -10,8 +10,7 @@ import pandas as pd
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from bayestissue import runtime
-from bayestissue.dataset.chain import Contact, Place
-from bayestissue.dataset.settings import Finite, Gravity, RecorderSettings, Spread
+from bayestissue.dataset.settings import Contact, Finite, Gravity, LowPassFilter, Place, Spread
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.settings import Table, checked, read_toml
@@ -225,7 +224,7 @@ class RecordedForce(Table):
     offset_sd_N: Spread = 0.0
     relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
     limit_N: Positive | None = None
-    recorder: RecorderSettings | None = None
+    recorder: LowPassFilter | None = None
 
 
 class RecordedDeceleration(Table):
@@ -287,13 +286,13 @@ class Recording(RecordedDeceleration):
     force: RecordedForce | None = None
 
 
-def require_samples_to_filter(recorder: RecorderSettings | None, recording: RecordedDeceleration) -> None:
+def require_samples_to_filter(recorder: LowPassFilter | None, recording: RecordedDeceleration) -> None:
     """Raise a ValueError where a digital low-pass has its corner above half of the sampling rate."""
-    low_pass, most = recorder and recorder.values(), recording.sampling_rate_hz / 2
-    if low_pass and low_pass.digital and low_pass.low_pass_hz >= most:
+    most = recording.sampling_rate_hz / 2
+    if recorder and recorder.digital and recorder.low_pass_hz >= most:
         raise ValueError(
             f'a digital low-pass below {most:g} Hz, half of the sampling rate, or applied = "analog", '
-            f"beside its corner of {low_pass.low_pass_hz:g} Hz"
+            f"beside its corner of {recorder.low_pass_hz:g} Hz"
         )
 
 
@@ -361,7 +360,7 @@ class Simulation(Table):
     recording: Recording = Recording()
     gravity: Gravity = "none"
     headform: bool = False
-    recorder: RecorderSettings | None = None
+    recorder: LowPassFilter | None = None
     output: Output = Output()
 
     @model_validator(mode="after")

@@ -165,7 +165,9 @@ def test_a_wrong_mass_does_not_show(impact: Prepare, good: Dataset) -> None:
 
 @pytest.mark.slow
 def test_an_undeclared_error_is_one_without_a_standard_deviation(impact: Prepare, good: Dataset) -> None:
-    bare = replace(good, uncertainty=replace(good.uncertainty, velocity_sd_m_s=0.0, relative_gain_sd=0.0))
+    bare = good.with_settings(
+        uncertainty=good.uncertainty.model_copy(update={"velocity_sd_m_s": 0.0, "relative_gain_sd": 0.0})
+    )
     found = judge(impact(with_column(bare, "velocity_m_s", 1.1)))
     assert (found["passed"], found["declared_sds"]) == (False, None)
     assert "no error was declared" in found["words"]

@@ -12,9 +12,9 @@ from scipy.constants import g as standard_gravity
 
 import bayestissue as bt
 from bayestissue.dataset import Dataset, Uncertainty
-from bayestissue.dataset.chain import Recorder
 from bayestissue.dataset.files import Source
 from bayestissue.dataset.recorders import contents_of
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.checking.recorded_peak import judge_peaks, missed_peaks
@@ -72,10 +72,10 @@ def test_a_peak_beyond_noise_gain_and_zero_is_missed_on_either_side() -> None:
     assert missed_peaks(dataset, ready, 1.1 * peak, 1.5 * peak, jerk).all()
     assert not missed_peaks(dataset, ready, 1.1 * peak, 1.5 * peak, jerk + np.inf).any()
     for uncertainty in (Uncertainty(relative_gain_sd=0.05), Uncertainty(offset_sd=5.0)):
-        declared = replace(dataset, uncertainty=uncertainty)
+        declared = dataset.with_settings(uncertainty=uncertainty)
         of_quiet = ready if uncertainty.relative_gain_sd else without_quiet_part(ready)
         assert not missed_peaks(declared, of_quiet, 0.5 * peak, 0.9 * peak, jerk).any()
-    behind = replace(dataset, recorder=Recorder(300.0))
+    behind = dataset.with_settings(recorder=LowPassFilter(low_pass_hz=300.0))
     assert not missed_peaks(behind, ready, 0.5 * peak, 0.9 * peak, jerk).any()
     arma = replace(ready, model=replace(ready.model, kind="arma"))
     assert not missed_peaks(dataset, arma, 0.5 * peak, 0.9 * peak, jerk).any()

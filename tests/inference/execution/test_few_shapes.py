@@ -13,7 +13,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue.dataset import Dataset, Trace
-from bayestissue.dataset.chain import Uncertainty
 from bayestissue.hierarchy import population
 from bayestissue.hierarchy.gaussian import arrangement
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
@@ -31,6 +30,7 @@ from bayestissue.inference.quantities.draws import drawn_impacts
 from bayestissue.padding import padded_impacts
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
+from dataset_bench import settings_of
 
 SHORT = ChainSettings(segment=20, most_rounds=1, first_look=2)
 # Sums of some ten thousand terms, in another order.
@@ -53,22 +53,13 @@ def campaign(
     }
     made = simulate(Simulation.model_validate(content))
     ends = np.cumsum(made.n_samples)
-    return Dataset(
-        name="few",
-        description="",
-        impacts=made.impacts,
-        traces=[
-            Trace(made.time[end - n : end], made.value[end - n : end].astype(float))
-            for n, end in zip(made.n_samples, ends, strict=True)
-        ],
-        quantity="deceleration",
-        contact="between",
-        uncertainty=Uncertainty(relative_mass_sd=mass_sd, velocity_sd_m_s=0.005),
-        warnings=(),
-        left_out=(),
-        folder=tmp_path,
-        input_hash="",
-    )
+    chain = {"relative_mass_sd": mass_sd, "velocity_sd_m_s": 0.005}
+    settings = settings_of(quantity="deceleration", contact="between", uncertainty=chain)
+    traces = [
+        Trace(made.time[end - n : end], made.value[end - n : end].astype(float))
+        for n, end in zip(made.n_samples, ends, strict=True)
+    ]
+    return Dataset(settings, made.impacts, traces, folder=tmp_path)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -164,7 +163,7 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     specification = ModelSpecification.model_validate(
         {"name": "shared", "likelihood": "impact", "mass_error": "subject"}
     )
-    dozen = replace(dozen, uncertainty=replace(dozen.uncertainty, relative_mass_sd=0.05))
+    dozen = dozen.with_settings(uncertainty=dozen.uncertainty.model_copy(update={"relative_mass_sd": 0.05}))
     made = prepare(dozen, specification, source="model")
     model, centre = made.model, first_guess(made)
     number, size = centre.shape

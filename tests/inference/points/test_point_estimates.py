@@ -9,12 +9,13 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.dataset import Dataset, Trace
-from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.settings import Uncertainty
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.points.notes import said_once
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak
 from bayestissue.resources import shared
 from bayestissue.signal import SignalOptions, displacements
+from dataset_bench import settings_of
 
 COLUMNS = [
     *("impact", "subject", "trial", "mass_kg", "velocity_m_s", "n_samples", "sampling_interval_s"),
@@ -70,18 +71,8 @@ def recorded(
             **columns,
         }
     )
-    return Dataset(
-        name="made",
-        description="",
-        impacts=impacts,
-        traces=[Trace(time, row) for row in d],
-        quantity="deceleration",
-        uncertainty=uncertainty or Uncertainty(),
-        warnings=(),
-        left_out=(),
-        folder=None,
-        input_hash="",
-    )
+    settings = settings_of(quantity="deceleration", uncertainty=uncertainty)
+    return Dataset(settings, impacts, [Trace(time, row) for row in d])
 
 
 # The slowest and the fastest by default, each of a width of its own to compile; all in the long suite.

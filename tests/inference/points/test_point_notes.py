@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bayestissue.dataset.model import Channel
+from bayestissue.dataset.settings import ChannelSettings
 from bayestissue.inference.points.notes import (
     ANOTHER_VELOCITY,
     clipped_recordings,
@@ -53,6 +53,8 @@ def test_clipped_recordings_are_named_beside_the_flagged() -> None:
 
 
 def test_a_channel_that_is_not_used_is_named_with_why() -> None:
-    words = unused_channels([Channel("plate", "force", "base", [])], "why")
+    words = unused_channels(
+        [ChannelSettings(name="plate", quantity="force", place="base", unit="N", file="force.csv")], "why"
+    )
     assert words.startswith("The further channel plate (force) is not used here: why.")
     assert words.endswith("`bayestissue check` compares the two.")

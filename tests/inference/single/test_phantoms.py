@@ -10,8 +10,8 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.dataset import Dataset
-from bayestissue.dataset.chain import Uncertainty
 from bayestissue.dataset.impacts import REFERENCE, counts, of_phantoms
+from bayestissue.dataset.settings import Uncertainty
 from bayestissue.errors import InputError
 from bayestissue.fitting import resolve
 from bayestissue.inference.points.notes import PHANTOM, people_alone
@@ -21,7 +21,7 @@ from bayestissue.report.estimates_page import estimate_figure, level, page_of
 from bayestissue.simulation import Simulation, simulate
 
 FACTOR, GAIN, KNOWN, SD = 1.06, 1.06, 2500.0, 25.0
-DECLARED = Uncertainty(0.05, 0.005, 0.05, 0.0)
+DECLARED = Uncertainty(relative_mass_sd=0.05, velocity_sd_m_s=0.005, relative_gain_sd=0.05, offset_sd=0.0)
 
 
 def campaign(seed: int, tissue: dict[str, float], factor: float) -> Simulation:
@@ -66,7 +66,7 @@ def test_errors_of_mass_and_gain_must_be_declared() -> None:
     dataset, _ = with_phantom(25.0)
     assert of_phantoms(dataset.impacts).sum() == 6
     with pytest.raises(InputError) as error:
-        apart(replace(dataset, uncertainty=Uncertainty()))
+        apart(dataset.with_settings(uncertainty=Uncertainty()))
     assert {problem.column for problem in error.value.problems} == {
         "uncertainty.relative_mass_sd",
         "uncertainty.relative_gain_sd",
@@ -131,7 +131,9 @@ def test_beside_phantoms_a_mass_is_no_person_s_own() -> None:
     (problem,) = error.value.problems
     assert (problem.file, problem.column, problem.code) == ("mine.toml", "mass_error", "reference-unfit")
     with pytest.raises(InputError) as several:
-        prepare_without_phantoms(replace(dataset, uncertainty=Uncertainty()), of_people, source="mine.toml")
+        prepare_without_phantoms(
+            dataset.with_settings(uncertainty=Uncertainty()), of_people, source="mine.toml"
+        )
     assert len(several.value.problems) == 3
 
 

@@ -219,8 +219,8 @@ def test_it_says_how_far_it_is():
 
 
 def test_the_mass_is_as_sure_as_the_dataset_says(campaign: Campaign):
-    sure = replace(campaign.dataset("single"), uncertainty=Uncertainty())
-    unsure = replace(sure, uncertainty=Uncertainty(relative_mass_sd=0.02))
+    sure = campaign.dataset("single").with_settings(uncertainty=Uncertainty())
+    unsure = sure.with_settings(uncertainty=Uncertainty(relative_mass_sd=0.02))
     with_errors, without = (
         bt.estimate(replace(each, impacts=each.impacts.head(FEW), traces=each.traces[:FEW]))
         for each in (unsure, sure)
@@ -314,7 +314,7 @@ def test_behind_a_declared_low_pass_intervals_hold_and_without_it_c_is_lost(reco
     }
     campaign = simulate(Simulation.model_validate(content))
     data = campaign.dataset("behind")
-    declared, undeclared = bt.estimate(data), bt.estimate(replace(data, recorder=None))
+    declared, undeclared = bt.estimate(data), bt.estimate(data.with_settings(recorder=None))
     for name, unit in (("K", "N_per_m"), ("C", "N_s_per_m")):
         true = campaign.truth[f"{name}_{unit}"]
         low, high = (declared[f"{name}_{end}_{unit}"] for end in ("low", "high"))
@@ -347,7 +347,7 @@ def test_intervals_hold_where_noise_went_through_the_filter(recorder: dict):
     found = simulate(Simulation.model_validate(content))
     data = found.dataset("smooth")
     assert data.recorder is not None
-    table = bt.estimate(replace(data, recorder=replace(data.recorder, noise=None)))
+    table = bt.estimate(data.with_settings(recorder=data.recorder.model_copy(update={"noise": None})))
     for name, unit in UNITS.items():
         true = found.truth[f"{name}_{unit}"].to_numpy()
         held = (table[f"{name}_low_{unit}"] <= true) & (true <= table[f"{name}_high_{unit}"])

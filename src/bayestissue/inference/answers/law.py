@@ -12,7 +12,7 @@ from jax import Array
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.dataset.settings import STANDARD_GRAVITY
 from bayestissue.declarations import general
 from bayestissue.elements import REFERENCE_DIAMETER_M, element
 from bayestissue.elements.element import GRAVITY

@@ -9,7 +9,7 @@ import pandas as pd
 from jaxtyping import Bool, Float
 from scipy.stats import norm
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.dataset.settings import STANDARD_GRAVITY
 from bayestissue.declarations import general
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking import sentence

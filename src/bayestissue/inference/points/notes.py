@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from bayestissue.dataset.model import Channel
+from bayestissue.dataset.settings import ChannelSettings
 from bayestissue.errors import Coded
 from bayestissue.outline import counted, first_of
 from bayestissue.remedies import entries
@@ -102,7 +102,7 @@ def clipped_recordings(impacts: Sequence[str], clipped: Sequence[bool]) -> dict[
     return {"impacts": named, "of": len(impacts), "words": words}
 
 
-def unused_channels(channels: Sequence[Channel], why: str) -> str:
+def unused_channels(channels: Sequence[ChannelSettings], why: str) -> str:
     """Sentences on further channels that a fit is not of.
 
     Args:

@@ -37,10 +37,15 @@ def apart(dataset: Dataset) -> tuple[Dataset, Reference | None]:
         return dataset, None
     if problems := _unfit(dataset, people=bool((~known).any())):
         raise InputError(problems)
-    chain = replace(dataset.uncertainty, relative_mass_sd=0.0)
-    phantoms, people = (replace(part, uncertainty=chain) for part in (dataset.of(known), dataset.people))
+    phantoms, people = (
+        _without_error(part, "relative_mass_sd") for part in (dataset.of(known), dataset.people)
+    )
     people = replace(people, impacts=people.impacts.drop(columns=list(REFERENCE)))
     return people, _reference(dataset, phantoms)
+
+
+def _without_error(dataset: Dataset, sd: str) -> Dataset:
+    return dataset.with_settings(uncertainty=dataset.uncertainty.model_copy(update={sd: 0.0}))
 
 
 def prepare_without_phantoms(
@@ -86,7 +91,7 @@ def control_chart(dataset: Dataset) -> pd.DataFrame | None:
     known, chain = of_phantoms(dataset.impacts), dataset.uncertainty
     if not known.any() or dataset.quantity == "displacement":
         return None
-    phantoms = replace(dataset.of(known), uncertainty=replace(chain, relative_mass_sd=0.0))
+    phantoms = _without_error(dataset.of(known), "relative_mass_sd")
     table = phantom_table(phantoms)
     stiffness, sd = (table[name].to_numpy(float) for name in REFERENCE)
     ends = {"median": "K_N_per_m", "low": "K_low_N_per_m", "high": "K_high_N_per_m"}
@@ -104,7 +109,7 @@ def control_chart(dataset: Dataset) -> pd.DataFrame | None:
 
 def _reference(dataset: Dataset, phantoms: Dataset) -> Reference:
     table = phantom_table(phantoms)
-    exact = replace(phantoms, uncertainty=replace(phantoms.uncertainty, relative_gain_sd=0.0))
+    exact = _without_error(phantoms, "relative_gain_sd")
     variance, of_exact = (_variance(one) for one in (table, phantom_table(exact)))
     stands = np.isfinite(table["K_N_per_m"].to_numpy()) & np.isfinite(variance)
     if not stands.any():

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
-from bayestissue.dataset.chain import Uncertainty
+from bayestissue.dataset.settings import Uncertainty
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality.samples import Recorded

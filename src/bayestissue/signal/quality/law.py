@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY
+from bayestissue.dataset.settings import STANDARD_GRAVITY
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality.samples import Recorded

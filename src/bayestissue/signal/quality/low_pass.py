@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
-from bayestissue.dataset.chain import Recorder
+from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.signal.displacement import BEFORE, Displacements
 from bayestissue.signal.filters import answers
 from bayestissue.signal.integration import trapezoids
@@ -83,7 +83,7 @@ def _explanation(
     for corner in np.geomspace(lowest, max(0.25 / dt, 1.01 * lowest), LAW.corners):
         moments = np.linspace(-2.5 / (2 * np.pi * corner) - 3 * dt, dt, LAW.moments)
         moments = moments[moments > time[0]]
-        step, ramp = answers(Recorder(corner), time - moments[:, None])
+        step, ramp = answers(LowPassFilter(low_pass_hz=corner), time - moments[:, None])
         gained = velocity * step + gravity * ramp, velocity * ramp + gravity * trapezoids(ramp, dt)
         terms = np.stack([gained[0] - lost, gained[1] - twice])
         squares, coefficients = _fitted(terms, y)

@@ -32,7 +32,7 @@ from jaxtyping import Bool, Float
 from scipy.special import fdtrc, logsumexp
 from scipy.stats import chi2, median_abs_deviation
 
-from bayestissue.dataset.chain import STANDARD_GRAVITY, Uncertainty
+from bayestissue.dataset.settings import STANDARD_GRAVITY, Uncertainty
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality.samples import Recorded
