@@ -128,6 +128,7 @@ class Simulated(Result):
     campaign: Campaign
     simulation: Simulation
     specification: Path
+    about = {}  # noqa: RUF012
 
     def write(self, folder: Path) -> None:
         """Write the dataset, its truth, and the specification with the seed that was used."""

@@ -237,7 +237,7 @@ def stated_problems(recordings: Recordings) -> Iterator[Problem]:
             yield Problem.stated(key, FILE, None, column, sd, median=median, **words)
 
 
-class Check(NamedTuple):
+class RecordingCheck(NamedTuple):
     """One check of recordings.
 
     Attributes:
@@ -252,11 +252,11 @@ class Check(NamedTuple):
 
 
 # An impact with an error that one stage finds is not asked the next: it would only raise a false alarm.
-OF_SAMPLES = ((Check(_sample_problems),), (Check(_clock_problems),))
+OF_SAMPLES = ((RecordingCheck(_sample_problems),), (RecordingCheck(_clock_problems),))
 OF_MOVEMENT = (
-    Check(_movement_problems),
-    Check(recording_twice, sees="dataset", warns=True),
-    Check(_movement_warnings, warns=True),
+    RecordingCheck(_movement_problems),
+    RecordingCheck(recording_twice, sees="dataset", warns=True),
+    RecordingCheck(_movement_warnings, warns=True),
 )
 
 
@@ -270,7 +270,7 @@ class Findings:
 
 
 def check_recordings(
-    recordings: Recordings, stages: Iterable[tuple[Check, ...]] = (*OF_SAMPLES, OF_MOVEMENT)
+    recordings: Recordings, stages: Iterable[tuple[RecordingCheck, ...]] = (*OF_SAMPLES, OF_MOVEMENT)
 ) -> Findings:
     """Check every recording.
 

@@ -27,7 +27,6 @@ from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
 
 
-@dataclass(frozen=True, eq=False)
 @dataclass(frozen=True, eq=False, repr=False)
 class Dataset(Outlined):
     """A checked dataset.
