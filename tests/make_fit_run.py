@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from bayestissue.inference.quantities.together import comparable_draws
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.run_folder import read_about
 from bayestissue.results.tables import table_of_rows
 from bayestissue.runtime import FORMAT
 from made_once import made_once
@@ -108,6 +111,23 @@ def write_fit_run(
 
 
 make_fit_run = made_once(write_fit_run)
+
+
+def read_fit_run(folder: Path, record: dict[str, Any] | None = None) -> FitRun:
+    """A run as a page reads it, by another ``run.json`` than its own if there is one."""
+    return FitRun.read(folder, read_about(folder) if record is None else record).complete()
+
+
+def changed(run: FitRun, **parts: Any) -> FitRun:
+    """A run of which some fields, tables or groups are others."""
+    tables = {name: parts.pop(name) for name in ("summary", "contrasts") if name in parts}
+    kept = {name: parts.pop(name) for name in ("groups",) if name in parts} or {"groups": run.groups}
+    about = {"about": parts.pop("record")} if "record" in parts else {}
+    copy = replace(
+        run, **parts, **about, table=lambda name: tables[name] if name in tables else run.table(name)
+    )
+    vars(copy).update(kept)
+    return copy
 
 
 def _with_discrepancy(posterior: xr.Dataset, people: np.ndarray) -> xr.Dataset:

@@ -7,10 +7,9 @@ import pandas as pd
 import pytest
 
 from bayestissue.errors import InputError
-from bayestissue.finished import read_run
+from bayestissue.finished import Fit, read_run
 from bayestissue.report import write_report
-from bayestissue.report.fit.page import page_of
-from bayestissue.report.fit.run import FURTHER_TABLES, TABLES, fit_run
+from bayestissue.report.fit.run import TABLES
 from bayestissue.results.tables import (
     declared_files,
     read_table,
@@ -61,10 +60,10 @@ def test_every_column_has_a_meaning_and_text_is_text():
 def test_a_page_from_memory_is_the_page_of_the_folder(tmp_path):
     folder = make_fit_run(tmp_path / "run")
     read = read_run(folder)
-    tables = {name: read.table(name) for name in TABLES}
-    tables |= {name: read.table(name) for name in FURTHER_TABLES if (folder / f"{name}.csv").is_file()}
-    in_memory = fit_run(read.about, read.diagnostics, read.posterior, tables)
-    assert page_of(in_memory) == write_report(folder).read_text(encoding="utf-8")
+    names = [*TABLES, "truth", "questions"]
+    tables = {name: read.table(name) for name in names if (folder / f"{name}.csv").is_file()}
+    in_memory = Fit(read.about, read.posterior, read.diagnostics, tables.__getitem__)
+    assert in_memory.page() == write_report(folder).read_text(encoding="utf-8")
 
 
 COMPUTED = ["=1+1", "-x", "@SUM(A1)", "+", "'=x", "-1.5 mm"]

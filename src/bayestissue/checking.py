@@ -53,6 +53,7 @@ class Check(Result):
     command = "check"
     page_file = "check.html"
     files = ("check.html",)
+    table_names = ("quality", "problems")
     about = {}  # noqa: RUF012
     dataset: Dataset
     signal: Displacements
@@ -139,11 +140,6 @@ class Check(Result):
         if white in {0.0, 1.0}:
             return f"{'behind' if white else 'before'} the low-pass"
         return f"before the low-pass, and {white:.0%} of it behind"
-
-    @property
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """``quality.csv`` and ``problems.csv``."""
-        return {"quality": self.quality, "problems": self.problems}
 
     def as_json(self) -> dict[str, Any]:
         """Everything but the page."""

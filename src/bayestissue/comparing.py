@@ -48,6 +48,7 @@ class Comparison(Result):
     """
 
     command = "compare"
+    table_names = ("comparison", "posteriors", "answers")
     about: dict[str, Any]
     comparison: pd.DataFrame
     posteriors: pd.DataFrame
@@ -60,11 +61,6 @@ class Comparison(Result):
         names = ", ".join(run["name"] for run in self.about["runs"])
         more = ("more in", ".comparison, .posteriors, .answers, .page(), .report(path)")
         return f"Comparison of {short(names, 200)}", [*rows, more]
-
-    @property
-    def tables(self) -> Mapping[str, pd.DataFrame]:
-        """The three tables."""
-        return {name: getattr(self, name) for name in ("comparison", "posteriors", "answers")}
 
     def page(self) -> str:
         """The HTML of the page."""

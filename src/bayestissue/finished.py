@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import datetime
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
@@ -19,24 +17,20 @@ import xarray as xr
 from bayestissue import results, runtime
 from bayestissue.errors import InputError, path_argument
 from bayestissue.hierarchy.specification import ModelSpecification, specification_of
-from bayestissue.inference.answers.finished import GROUPS, Finished
 from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.inference.samplers.diagnostics import verdict_in_words
 from bayestissue.outline import Rows, short, span
 from bayestissue.paper import WIDTH_MM
-from bayestissue.report.run_folder import not_a_fit, open_tree, read_about, read_json, require_files
-from bayestissue.result import Result
-from bayestissue.results.tables import table_of_rows
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.run_folder import not_a_fit, read_about
+from bayestissue.result import Made, Result
 
 if TYPE_CHECKING:
-    from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.recorded import Condition
-    from bayestissue.hierarchy.trace_data import Prepared
     from bayestissue.inference.answers.predictions import Predicted
     from bayestissue.inference.chain.results import ChainEnd
     from bayestissue.inference.fit import Say, TraceAnalysis
     from bayestissue.report.fit.figures import Plots
-    from bayestissue.report.fit.run import FitRun
 
 TABLES = (
     *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
@@ -48,33 +42,10 @@ _FURTHER = ("agreement", "estimates_dds")
 _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Fit(Result):
-    """A finished fit, with all that a run folder tells of it.
-
-    Attributes:
-        about: the content of ``run.json``.
-        posterior: the ArviZ DataTree with all groups of ``posterior.nc``: draws, predictions, densities,
-            data. Of a run that was read back they are read from the file as they are needed.
-        diagnostics: whether the sampler did its work (``passed``), and each check: ``diagnostics.json``.
-            Besides, what is in doubt whatever the sampler did: ``measuring_chain`` (see
-            `bayestissue.inference.checking.measuring_chain.judge`) and ``model_form``.
-        table: a table of the folder by its name, such as "summary"; a KeyError where there is none.
-        folder: of the run that was read back, or of the dataset that was fitted; None where it has none.
-        dataset: what was fitted; None of a run that was read back, which has no recordings.
-        prepared: the model and its data, likewise.
-        end: where the chains ended, likewise; see `chain_end`.
-    """
+class Fit(FitRun, Result):
+    """A finished fit, with all that a run folder tells of it, and what can be asked of it."""
 
     command = "fit"
-    about: dict[str, Any]
-    posterior: xr.DataTree
-    diagnostics: dict[str, Any]
-    table: Callable[[str], pd.DataFrame]
-    folder: Path | None = None
-    dataset: Dataset | None = None
-    prepared: Prepared | None = None
-    end: ChainEnd | None = None
 
     def _outline(self) -> tuple[str, Rows]:
         posterior = self.posterior["posterior"].dataset
@@ -128,43 +99,6 @@ class Fit(Result):
         return specification_of(self.about["model"], "run.json")
 
     @property
-    def point_estimates(self) -> pd.DataFrame:
-        """Of every impact by the thesis's method, "dds" of `estimate`: ``estimates_dds.csv``."""
-        return self.table("estimates_dds")
-
-    @property
-    def questions(self) -> pd.DataFrame:
-        """Answers to the questions of the model file: ``questions.csv``; those without one say why."""
-        try:
-            return self.table("questions")
-        except KeyError:
-            return table_of_rows("questions")
-
-    @property
-    def summary(self) -> pd.DataFrame:
-        """Mean, median, intervals, R-hat and effective sample sizes of every quantity: ``summary.csv``.
-
-        ``note`` says where an interval is none: see `bayestissue.inference.samplers.diagnostics.noted`.
-        """
-        return self.table("summary")
-
-    @property
-    def contrasts(self) -> pd.DataFrame:
-        """Ratios of K, C and outcomes between levels of categories and groups: ``contrasts.csv``.
-
-        See `bayestissue.inference.answers.contrasts`.
-        """
-        return self.table("contrasts")
-
-    @property
-    def reliability(self) -> pd.DataFrame:
-        """Intraclass correlations, error of measurement, detectable change, repeats: ``reliability.csv``.
-
-        See `bayestissue.inference.answers.reliability`; the draws are in the group posterior.
-        """
-        return self.table("reliability")
-
-    @property
     def analysis(self) -> TraceAnalysis:
         """All tables of the fit itself, as `bayestissue.inference.fit.fit_traces` returns them."""
         from bayestissue.inference.fit import TraceAnalysis
@@ -173,22 +107,9 @@ class Fit(Result):
         return TraceAnalysis(tree=self.posterior, diagnostics=self.diagnostics, end=self.end, **tables)
 
     @property
-    def agreement(self) -> pd.DataFrame:
-        """Ratios of the thesis's method and the posterior: ``agreement.csv``.
-
-        See `bayestissue.inference.answers.agreement`.
-        """
-        return self.table("agreement")
-
-    @property
     def verdict(self) -> str:
         """The diagnostics in a sentence, and in others what the model or its data leave in doubt."""
         return verdict_in_words(self.diagnostics)
-
-    @cached_property
-    def finished(self) -> Finished:
-        """The fit as questions and predictions need it."""
-        return Finished.from_tree(self.posterior, self.about["model"])
 
     def chain_end(self) -> ChainEnd:
         """Where the chains ended, from which ``fit(..., continue_from=...)`` goes on: ``chain.npz``.
@@ -302,7 +223,7 @@ class Fit(Result):
         """
         from bayestissue.report.fit.figures import Plots
 
-        return Plots(fit_run_of(self))
+        return Plots(self)
 
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
@@ -327,7 +248,7 @@ class Fit(Result):
         """The HTML of the page, of what is in memory; of a run that was read back, from its folder."""
         from bayestissue.report.fit.page import page_of
 
-        return page_of(fit_run_of(self))
+        return page_of(self.complete())
 
     def write(self, folder: Path) -> None:
         """Write every file of the run into a folder, but for the page that is drawn of them."""
@@ -373,10 +294,16 @@ class Fit(Result):
         """
         return self.paper(certificate, width_mm).report(path, overwrite=overwrite)
 
-    def paper(self, certificate: str | Path | None = None, width_mm: float = WIDTH_MM) -> Paper:
+    def paper(self, certificate: str | Path | None = None, width_mm: float = WIDTH_MM) -> Made:
         """What a paper takes, not written yet; arguments as of `export`."""
+        from bayestissue.paper.export import write_paper
+
         certified = None if certificate is None else self._certified(Path(certificate))
-        return Paper(self, certified, width_mm, None if certificate is None else Path(certificate))
+        return Made(
+            further=partial(write_paper, self.complete(), certified=certified, width_mm=width_mm),
+            said="wrote methods.md, methods.docx, checklists.md, tables.xlsx and figures/ to {folder}",
+            inputs=(self.folder, certificate),
+        )
 
     def _certified(self, folder: Path) -> dict[str, Any]:
         """The verdict of this fit's certificate in a folder."""
@@ -386,48 +313,6 @@ class Fit(Result):
             raise InputError.stated("not-a-run.certificate", str(folder), value=of.get("started"))
         verdict: dict[str, Any] = record["verdict"]
         return verdict
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Paper(Result):
-    """What a paper takes of a fit: methods and results as text, tables in a workbook, figures.
-
-    Attributes:
-        fit: of which.
-        certified: the verdict of its certificate.
-        width_mm: of a figure in print.
-        certificate: the folder of the certificate.
-    """
-
-    command = "export"
-    about = {}  # noqa: RUF012
-    fit: Fit
-    certified: dict[str, Any] | None
-    width_mm: float
-    certificate: Path | None
-
-    @property
-    def inputs(self) -> tuple[str | Path | None, ...]:
-        """The run and its certificate."""
-        return (self.fit.folder, self.certificate)
-
-    def write(self, folder: Path) -> None:
-        """Write the texts, the workbook and the figures into a folder."""
-        from bayestissue.paper.export import write_paper
-
-        fit = self.fit
-        write_paper(
-            fit_run_of(fit),
-            folder,
-            table=fit.table,
-            finished=fit.finished,
-            certified=self.certified,
-            width_mm=self.width_mm,
-        )
-
-    def wrote(self, folder: Path) -> str:
-        """What was written, in a line."""
-        return f"wrote methods.md, methods.docx, checklists.md, tables.xlsx and figures/ to {folder}"
 
 
 def read_run(path: str | Path) -> Fit:
@@ -446,36 +331,7 @@ def read_run(path: str | Path) -> Fit:
     record = read_about(folder)
     if record["kind"] != "fit" or not isinstance(record.get("model"), dict):
         raise InputError(not_a_fit(folder, record, _AGAIN))
-    require_files(folder, ["posterior.nc", "diagnostics.json"])
-    tree = open_tree(folder / "posterior.nc", dict.fromkeys(GROUPS, ()), _AGAIN)
-    return Fit(record, tree, read_json(folder / "diagnostics.json"), cache(partial(_stored, folder)), folder)
-
-
-def _stored(folder: Path, name: str) -> pd.DataFrame:
-    """A table of a run, the columns of numbers as such.
-
-    Raises:
-        KeyError: the run has none of this name.
-    """
-    if not (folder / f"{name}.csv").is_file():
-        raise KeyError(name)
-    return results.read_table(folder, name)
-
-
-def fit_run_of(fit: Fit) -> FitRun:
-    """A fit as pages and texts take it: from memory, or from its folder where it was read back."""
-    from bayestissue.report.fit.run import FURTHER_TABLES, TABLES, fit_run, read_fit_run
-
-    if fit.dataset is None and fit.folder is not None:
-        return read_fit_run(fit.folder, fit.about | {"dataset": fit.about.get("dataset") or fit.folder.name})
-    tables = {name: fit.table(name) for name in TABLES}
-    for name in FURTHER_TABLES:
-        # Few model files have questions, and the dataset alone has a truth.
-        with suppress(KeyError):
-            tables[name] = fit.table(name)
-    if fit.folder is not None and (fit.folder / "truth.csv").is_file():
-        tables["truth"] = results.read_table(fit.folder, "truth")
-    return fit_run(fit.about, fit.diagnostics, fit.posterior, tables)
+    return Fit.read(folder, record)
 
 
 def _from_folder(path: Path, folder: Path) -> str:

@@ -43,6 +43,7 @@ from bayestissue.inference.points.notes import (
 from bayestissue.inference.results.meanings import COLUMNS, symbols
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
+from bayestissue.results.tables import typed
 from bayestissue.settings import read_text
 from bayestissue.words import Words
 
@@ -475,9 +476,9 @@ class FitJob:
             points: the table of the thesis's method.
             clock: when the fit began, and how many seconds it took.
         """
-        tables = {name: getattr(analysis, name) for name in TABLES}
-        tables["estimates_dds"] = points
-        tables["agreement"] = _agreement(points, analysis.summary)
+        tables = {name: typed(name, getattr(analysis, name)) for name in TABLES}
+        tables["estimates_dds"] = typed("estimates_dds", points)
+        tables["agreement"] = typed("agreement", _agreement(points, analysis.summary))
         fit = Fit(
             runtime.run_record("fit", "fit", *clock, **self._provenance(analysis)),
             analysis.tree,
@@ -492,7 +493,7 @@ class FitJob:
             from bayestissue.inference.answers.questions import ask_what_can_be, of_model
 
             questions = of_model(self.specification.questions, "model")
-            tables["questions"] = ask_what_can_be(fit.finished, questions)
+            tables["questions"] = typed("questions", ask_what_can_be(fit.finished, questions))
         return fit
 
     def _provenance(self, analysis: TraceAnalysis) -> dict[str, Any]:

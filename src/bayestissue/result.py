@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bayestissue import results
@@ -30,12 +32,14 @@ class Result(Outlined):
     page_file: ClassVar[str] = "report.html"
     # Those that the command names when it has written all.
     files: ClassVar[tuple[str, ...]] = ("report.html",)
+    # Those of the folder, attributes by the names of their files.
+    table_names: ClassVar[tuple[str, ...]] = ()
     about: dict[str, Any]
 
     @property
     def tables(self) -> Mapping[str, pd.DataFrame]:
         """The tables of the folder, by the names of their files."""
-        return {}
+        return {name: getattr(self, name) for name in self.table_names}
 
     @property
     def passed(self) -> bool:
@@ -108,6 +112,49 @@ class Result(Outlined):
     def wrote(self, folder: Path) -> str:
         """What was written, in a line."""
         return f"wrote {' and '.join(str(folder / name) for name in self.files)}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Made(Result):
+    """What a command computes that Python does not offer.
+
+    Attributes:
+        about: the content of ``run.json``; empty where there is none.
+        tables: by the names of their files.
+        further: writes the other files into a folder.
+        html: the page, made once all files stand in the folder.
+        passed: whether all checks did.
+        files: those that the command names when it has written all.
+        said: what it says then of the ``{folder}`` in place of this.
+        inputs: what these results were made of.
+        words: what the command prints.
+        always: what it prints before that, whatever --quiet says.
+    """
+
+    command = "export"
+    about: dict[str, Any] = field(default_factory=dict)
+    tables: Mapping[str, pd.DataFrame] = MappingProxyType({})
+    further: Callable[[Path], None] = lambda _: None
+    html: Callable[[Path], str] = lambda _: ""
+    passed: bool = True
+    files: tuple[str, ...] = ("report.html",)  # type: ignore[misc]
+    said: str = ""
+    inputs: tuple[str | Path | None, ...] = ()
+    words: Iterable[Any] = ()
+    always: Iterable[Any] = ()
+
+    def page_in(self, folder: Path) -> str:
+        """The page."""
+        return self.html(folder)
+
+    def write(self, folder: Path) -> None:
+        """Write every file but the page into a folder."""
+        super().write(folder)
+        self.further(folder)
+
+    def wrote(self, folder: Path) -> str:
+        """What was written, in a line."""
+        return self.said.format(folder=folder) or super().wrote(folder)
 
 
 def _put(path: Path, html: str) -> Path:

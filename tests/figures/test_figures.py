@@ -15,9 +15,8 @@ from bayestissue.figures.study import agreement, limits_of_agreement, points, sh
 from bayestissue.figures.theme import number, scale_over
 from bayestissue.figures.traces import CONTACT, panels, thinned
 from bayestissue.report.fit import figures
-from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
-from make_fit_run import make_fit_run
+from make_fit_run import make_fit_run, read_fit_run
 from page_reader import figures as specifications
 
 pytestmark = pytest.mark.slow

@@ -15,7 +15,6 @@ import pytest
 from PIL import Image
 
 import bayestissue as bt
-from bayestissue.finished import fit_run_of
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings
 from bayestissue.paper import text
@@ -25,7 +24,7 @@ from bayestissue.paper.workbook import people_wide, write_sheets
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import Levels, Spread
 from command_line import bayestissue
-from make_fit_run import make_fit_run
+from make_fit_run import changed, make_fit_run, read_fit_run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_once")]
 
@@ -37,7 +36,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def run(folder: Path) -> FitRun:
-    return fit_run_of(bt.read_run(folder))
+    return read_fit_run(folder)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +114,7 @@ def test_an_interaction_stands_in_text_and_table_and_factors_of_equal_levels_apa
     sides = run.contrasts[run.contrasts["factor"] == "side"]
     further = pd.DataFrame([names | numbers | {"quantity": q, "kind": "interaction"} for q in "KC"])
     several = pd.concat([run.contrasts, sides.assign(factor="shoe"), further], ignore_index=True)
-    text = text_of(replace(run, contrasts=several))
+    text = text_of(changed(run, contrasts=several))
     words = "Ratio of ratios after over before, b over a: K 1.22 (1.10 to 1.35) and C 1.22 (1.10 to 1.35)."
     assert any(paragraph.startswith(words) for paragraph in text.sections["Results"])
     rows = dict(zip(text.table[""], text.table["K, N/m"], strict=True))
@@ -126,7 +125,7 @@ def test_an_interaction_stands_in_text_and_table_and_factors_of_equal_levels_apa
 def test_nothing_is_claimed_where_no_element_describes_the_recordings(run: FitRun) -> None:
     verdict = {"passed": True, "warned": True, "headline": "Diagnostics passed.", "words": "No element does."}
     form = {"model_form": {"undescribed": True}}
-    text = text_of(replace(run, diagnostics=run.diagnostics | form, record=run.record | {"verdict": verdict}))
+    text = text_of(changed(run, diagnostics=run.diagnostics | form, record=run.record | {"verdict": verdict}))
     assert text.sections["Results"][0] == "These results are in doubt: Diagnostics passed. No element does."
     assert "Questions" not in text.sections
     assert text.table.empty
@@ -134,7 +133,7 @@ def test_nothing_is_claimed_where_no_element_describes_the_recordings(run: FitRu
 
 def test_failed_diagnostics_come_first(run: FitRun) -> None:
     verdict = {"passed": False, "warned": False, "headline": "Diagnostics failed.", "words": "R-hat 1.2."}
-    text = text_of(replace(run, record=run.record | {"verdict": verdict}))
+    text = text_of(changed(run, record=run.record | {"verdict": verdict}))
     assert text.sections["Results"][0] == "These results are in doubt: Diagnostics failed. R-hat 1.2."
 
 
@@ -260,7 +259,7 @@ def test_flagged_recordings_are_said_as_a_paper_would(run: FitRun) -> None:
     verdict = {"passed": True, "headline": "Diagnostics passed.", "words": words, "warned": False}
     said = {"recordings": recordings, "clipped": clipped}
     record, diagnostics = run.record | {"verdict": verdict}, run.diagnostics | said
-    sections = text_of(replace(run, record=record, diagnostics=diagnostics)).sections
+    sections = text_of(changed(run, record=record, diagnostics=diagnostics)).sections
     assert sections["Measurements"][-1] == (
         "Of 9 recordings 1 is flagged: spikes (1); i3. Its K and C may be wrong. "
         "Of 2 recordings 1 is clipped: i1. Samples at the sensor's limit count as that much or more."
@@ -272,7 +271,7 @@ def test_flagged_recordings_are_said_as_a_paper_would(run: FitRun) -> None:
 
 def test_exclusions_are_a_sentence(run: FitRun) -> None:
     def said(**record: list) -> list[str]:
-        return text_of(replace(run, record=run.record | record)).sections["Measurements"]
+        return text_of(changed(run, record=run.record | record)).sections["Measurements"]
 
     assert "No recording was left out." in said(left_out=[])
     why = [("a1", "the impactor touched the frame"), ("a2", "the recording is clipped: 9 samples at 4")]

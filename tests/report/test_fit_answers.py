@@ -1,15 +1,12 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import stats
 
 from bayestissue.report.fit import answers, checks, estimates, traces, words
-from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
-from make_fit_run import DRAWS, make_fit_run
+from make_fit_run import DRAWS, changed, make_fit_run, read_fit_run
 
 pytestmark = pytest.mark.usefixtures("read_once")
 
@@ -101,7 +98,7 @@ def test_a_law_that_may_be_the_same_is_not_called_so(tmp_path):
 @pytest.mark.slow
 def test_k_that_is_not_told_at_one_depth_is_said_to_be_of_the_depth_too(tmp_path):
     run = read(make_fit_run(tmp_path, likelihood="impact", exponent=0.3, own_depth=0.3))
-    run.record["discrepancy"] = {"rms_of_peak": 0.05}
+    run.about["discrepancy"] = {"rms_of_peak": 0.05}
     assert "reaches, if the damper is the same at all depths. At each" in str(answers.depth_sentence(run))
     assert "It is assumed that the damper is the same at all depths." in answers.further_words(run)[0]
     del run.groups["posterior"]["mass_exponent_K_common_depth"]
@@ -135,7 +132,7 @@ def test_what_the_fit_tested_is_the_pages_one_verdict(run, arma):
     coloured = traces.residuals(arma)
     form = {"words": "Nothing against the model.", "impacts": {"p": dict.fromkeys(run.impacts, 0.5)}}
     about = run.record | {"model": run.record["model"] | {"likelihood": "impact"}}
-    tested = replace(run, record=about, diagnostics=run.diagnostics | {"model_form": form})
+    tested = changed(run, record=about, diagnostics=run.diagnostics | {"model_form": form})
     assert traces.residual_words(tested, coloured)[1:] == [form["words"]]
     assert not traces.other_noise(tested, coloured)
 
@@ -172,10 +169,10 @@ def test_an_error_of_mass_that_is_a_persons_is_said(run):
     assert "no surer than that mass" not in checks.declared_words(run)
     model = run.record["model"] | {"mass_error": "subject"}
     given = run.record["uncertainty"] | {"relative_mass_sd": 0.2}
-    shared = replace(run, record=run.record | {"model": model, "uncertainty": given})
+    shared = changed(run, record=run.record | {"model": model, "uncertainty": given})
     assert "mass 20 %" in checks.declared_words(shared).replace("\N{NO-BREAK SPACE}", " ")
     assert "no surer than that mass" in checks.declared_words(shared)
-    of_masses = replace(run, record=shared.record | {"model": model | {"mass_error": "mass"}})
+    of_masses = changed(run, record=shared.record | {"model": model | {"mass_error": "mass"}})
     assert "no surer than the masses" in checks.declared_words(of_masses)
 
 
@@ -199,7 +196,7 @@ def test_coverage_is_shown_once_it_was_measured(run, tmp_path, monkeypatch):
 def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):
     impact = run.record | {"model": run.record["model"] | {"likelihood": "impact"}}
     plain, wider = (
-        replace(run, record=impact | more) for more in ({}, {"discrepancy": {"rms_of_peak": 0.1}})
+        changed(run, record=impact | more) for more in ({}, {"discrepancy": {"rms_of_peak": 0.1}})
     )
     assert "discrepancy" in words.unused_priors(plain)
     assert "discrepancy" not in words.unused_priors(wider)

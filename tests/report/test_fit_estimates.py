@@ -11,8 +11,7 @@ import pytest
 import statsmodels.api as sm
 
 from bayestissue.report.fit.estimates import apparent_exponent
-from bayestissue.report.fit.run import read_fit_run
-from make_fit_run import make_fit_run
+from make_fit_run import make_fit_run, read_fit_run
 
 pytestmark = pytest.mark.usefixtures("read_once")
 
@@ -39,7 +38,7 @@ def test_the_apparent_exponent_is_the_line_of_least_squares_with_its_interval(tm
     run = read_fit_run(folder, json.loads((folder / "run.json").read_text(encoding="utf-8")))
     found = apparent_exponent(run, "K")
     assert found is not None
-    table = run.estimates_dds
+    table = run.point_estimates
     x = np.log(table["mass_kg"] / run.reference_mass)
     fitted = sm.OLS(np.log(table["K_N_per_m"]), sm.add_constant(x.to_numpy())).fit()
     expected = [*fitted.params, *fitted.conf_int(alpha=0.1).iloc[1]]

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from html import unescape
 
 import pytest
@@ -12,9 +11,8 @@ from bayestissue.errors import InputError
 from bayestissue.inference.samplers.diagnostics import headline
 from bayestissue.report import write_report
 from bayestissue.report.fit.page import page_of as fit_page_of
-from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
-from make_fit_run import make_fit_run
+from make_fit_run import changed, make_fit_run, read_fit_run
 from page_reader import Reader
 
 pytestmark = pytest.mark.usefixtures("read_once")
@@ -275,7 +273,7 @@ def test_no_interval_is_printed_of_traces_that_no_element_describes(tmp_path):
 def test_the_page_has_the_datasets_own_nouns(folder):
     run = read_fit_run(folder, read_about(folder))
     nouns = {"subject": "pad", "trial": "height", "impact": "drop"}
-    page = fit_page_of(replace(run, record=run.record | {"words": nouns}))
+    page = fit_page_of(changed(run, record=run.record | {"words": nouns}))
     prose = re.sub(r"<(script|style|code|pre)\b.*?</\1>", "", page, flags=re.DOTALL)
     assert not re.search(r"\b(person|persons|people)\b(?!\.csv)", plain(prose), re.IGNORECASE)
     assert "a typical pad" in plain(prose)

@@ -18,9 +18,8 @@ import pytest
 
 from bayestissue.report import write_report
 from bayestissue.report.fit import explorer, traces
-from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
-from make_fit_run import make_fit_run
+from make_fit_run import make_fit_run, read_fit_run
 
 pytestmark = pytest.mark.slow
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -16,10 +15,10 @@ from bayestissue.paper.text import text_of
 from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, estimates, figures, population, words
 from bayestissue.report.fit.page import page_of
-from bayestissue.report.fit.run import FitRun, read_fit_run
+from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import levels, mass_curve, spread
 from bayestissue.results.tables import table_of_rows
-from make_fit_run import MASS, make_fit_run
+from make_fit_run import MASS, changed, make_fit_run, read_fit_run
 
 
 def read(folder: Path) -> FitRun:
@@ -97,7 +96,7 @@ def test_words_say_whose_k_is(run: FitRun) -> None:
     assert "the element's own" in said
     assert "The tissue's stiffness is K_secant." in said
     assert answers.answering(run) == {"K": "K_common_depth", "C": "C"}
-    alone = replace(
+    alone = changed(
         run,
         groups=run.groups
         | {"posterior": run.groups["posterior"].drop_vars(["mass_exponent_K_common_depth"])},

@@ -12,9 +12,8 @@ import xarray as xr
 
 from bayestissue.report.fit.page import fit_page
 from bayestissue.report.fit.population import differing_words, groupings, own_slopes
-from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_json
-from make_fit_run import CHAINS, DRAWS, PEOPLE, make_fit_run
+from make_fit_run import CHAINS, DRAWS, PEOPLE, make_fit_run, read_fit_run
 from tree_file import write_tree
 
 pytestmark = [pytest.mark.usefixtures("read_once"), pytest.mark.slow]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -12,9 +11,9 @@ import pytest
 
 from bayestissue.report.fit import usual
 from bayestissue.report.fit.page import page_of
-from bayestissue.report.fit.run import FitRun, read_fit_run
+from bayestissue.report.fit.run import FitRun
 from bayestissue.report.run_folder import read_about
-from make_fit_run import CONDITIONS, PEOPLE, make_fit_run
+from make_fit_run import CONDITIONS, PEOPLE, changed, make_fit_run, read_fit_run
 
 pytestmark = pytest.mark.usefixtures("read_once")
 FALLS = {"mass_kg": 5.0, "velocity_m_s": 0.93}
@@ -45,7 +44,7 @@ def of(tmp_path_factory) -> Callable[..., FitRun]:
             run.of_impacts("K").assign(label=run.impacts, variable=name, median=value)
             for name, value in OWN.items()
         )
-        return replace(
+        return changed(
             run,
             groups=run.groups | {"constant_data": constants},
             summary=pd.concat([run.summary, rows.reset_index(drop=True)], ignore_index=True),
@@ -99,14 +98,14 @@ def test_a_stated_site_without_a_like_measurement_is_answered(of) -> None:
 
 def test_of_quantities_that_a_fit_lacks_the_measurements_are_named(of) -> None:
     run = of()
-    lacking = replace(run, summary=run.summary[~run.summary["variable"].isin(OWN)])
+    lacking = changed(run, summary=run.summary[~run.summary["variable"].isin(OWN)])
     words = section(page_of(lacking))
     assert (
         "have peak deceleration, peak depth and energy share with gravity, of which this fit has nothing"
         in words
     )
     assert "Heel pads of 16 adults" in words
-    assert not usual.is_answered(replace(lacking, record=lacking.record | {"site": ""}))
+    assert not usual.is_answered(changed(lacking, record=lacking.record | {"site": ""}))
 
 
 def test_a_page_of_other_motions_says_nothing_of_it(of) -> None:
@@ -123,10 +122,10 @@ def test_secant_stiffness_compares_where_an_element_has_it(of) -> None:
     assert line.median == pytest.approx(np.median(k))
     secant = run.of_impacts("K").assign(label=run.impacts, variable="K_secant", median=2 * k)
     doubled = pd.concat([run.summary, secant.reset_index(drop=True)], ignore_index=True)
-    assert usual.lines(replace(run, summary=doubled))[0].median == pytest.approx(2 * np.median(k))
+    assert usual.lines(changed(run, summary=doubled))[0].median == pytest.approx(2 * np.median(k))
 
 
 def test_numbers_that_are_no_estimates_are_held_against_nothing(of) -> None:
     run = of()
     diagnostics = run.diagnostics | {"model_form": {"undescribed": True, "impacts": {}}}
-    assert not usual.is_answered(replace(run, diagnostics=diagnostics))
+    assert not usual.is_answered(changed(run, diagnostics=diagnostics))

@@ -18,7 +18,7 @@ from bayestissue.bench.views import page_file
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.left_out import FILE
 from bayestissue.errors import InputError, printable
-from bayestissue.finished import Fit, fit_run_of
+from bayestissue.finished import Fit
 from bayestissue.inference.answers.grammar import LONGEST
 from bayestissue.inference.answers.questions import Question, ask, numbered
 from bayestissue.report.answers_page import answered, question_lines
@@ -54,9 +54,8 @@ class RunView:
         self.fit, self.decisions, self.why_not = fit, decisions, why_not
         self._finished, self._asking = fit.finished, Lock()
         self._answer = lru_cache(_KEPT)(self._answered)
-        run = fit_run_of(fit)
-        self._impacts, self._nouns = run.impacts, run.nouns
-        self._page = page_of(run, served=True, longest=LONGEST, examples=self._examples())
+        self._impacts, self._nouns = fit.impacts, fit.nouns
+        self._page = page_of(fit.complete(), served=True, longest=LONGEST, examples=self._examples())
         self._files = assets("explorer.js")
         self._files["page.js"] += "".join(map(page_file, ("server.js", "run.js")))
 

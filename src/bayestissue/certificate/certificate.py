@@ -18,7 +18,7 @@ from bayestissue.certificate.augmented import Truth, augmented, reason_against, 
 from bayestissue.certificate.ranks import calibration_table, ranks_of
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import InputError
-from bayestissue.finished import Fit, fit_run_of, read_run
+from bayestissue.finished import Fit, read_run
 from bayestissue.fitting import FitJob, without_short
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared, with_discrepancy
@@ -53,6 +53,7 @@ class Certificate(Result):
 
     command = "certify"
     files = ("report.html", "certificate.md")
+    table_names = TABLES
     about: dict[str, Any]
     calibration: pd.DataFrame
     ranks: pd.DataFrame
@@ -77,11 +78,6 @@ class Certificate(Result):
     def words(self) -> str:
         """The verdict in words."""
         return str(self.about["verdict"]["words"])
-
-    @property
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """The four tables."""
-        return {name: getattr(self, name) for name in TABLES}
 
     def page(self) -> str:
         """The HTML of the page."""
@@ -208,8 +204,7 @@ def certificate_of(
         words=dict(fit.about.get("words", {})),
         verdict={"passed": passed, "words": words, "prior": prior_words(sensitivity)},
     )
-    run = fit_run_of(fit)
-    items = checklists(run, text_of(run, fit.finished), record["verdict"])
+    items = checklists(fit, text_of(fit, fit.finished), record["verdict"])
     return Certificate(record, calibration, _ranks_table(done), sensitivity, items)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,14 +12,13 @@ from bayestissue.commands.delivery import Call, DatasetFolder, OtherSeed, delive
 from bayestissue.errors import Problem, more
 from bayestissue.outline import counted
 from bayestissue.remedies import codes_in, entries
-from bayestissue.result import Result
+from bayestissue.result import Made, Result
 from bayestissue.words import Words
 
 if TYPE_CHECKING:
     from bayestissue.checking import Check
     from bayestissue.commands.console import Shown
     from bayestissue.estimating import Estimates
-    from bayestissue.simulation import Campaign, Simulation
 
 
 def _of_check(checked: Check) -> Iterator[Shown]:
@@ -121,38 +119,13 @@ def estimate(
     return estimates
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Simulated(Result):
-    """A campaign that was simulated, and the specification that it was made of."""
-
-    campaign: Campaign
-    simulation: Simulation
-    specification: Path
-    about = {}  # noqa: RUF012
-
-    def write(self, folder: Path) -> None:
-        """Write the dataset, its truth, and the specification with the seed that was used."""
-        from bayestissue.simulation import write_campaign
-
-        write_campaign(folder, self.campaign, self.simulation)
-        lines = self.specification.read_text(encoding="utf-8-sig").splitlines()
-        kept = [line for line in lines if line.split("=")[0].strip() != "seed"]
-        seed = f"seed = {self.simulation.seed}"
-        (folder / "truth.toml").write_text("\n".join([seed, *kept]) + "\n", encoding="utf-8")
-
-    def wrote(self, folder: Path) -> str:
-        """What was written, in a line."""
-        impacts = counted(len(self.campaign.impacts), "impact")
-        return f"wrote {folder}: {impacts}, {len(self.campaign.value)} samples, seed {self.simulation.seed}"
-
-
 @delivers(inputs=("specification",))
 def simulate(
     specification: Annotated[Path, typer.Argument(metavar="SPEC.toml")],
     seed: OtherSeed = None,
     *,
     call: Call,
-) -> Simulated:
+) -> Result:
     """Make a dataset whose truth is known: a design, a tissue, a measuring chain, and truth.csv beside it.
 
     Args:
@@ -164,4 +137,14 @@ def simulate(
     stated = simulation.read_simulation(specification)
     if seed is not None:
         stated = stated.model_copy(update={"seed": seed})
-    return Simulated(simulation.simulate(stated), stated, specification)
+    campaign = simulation.simulate(stated)
+    lines = specification.read_text(encoding="utf-8-sig").splitlines()
+    kept = [line for line in lines if line.split("=")[0].strip() != "seed"]
+
+    def write(folder: Path) -> None:
+        simulation.write_campaign(folder, campaign, stated)
+        text = "\n".join([f"seed = {stated.seed}", *kept])
+        (folder / "truth.toml").write_text(f"{text}\n", encoding="utf-8")
+
+    impacts, samples = counted(len(campaign.impacts), "impact"), len(campaign.value)
+    return Made(further=write, said=f"wrote {{folder}}: {impacts}, {samples} samples, seed {stated.seed}")

@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
@@ -83,11 +84,11 @@ class Call:
 
     Attributes:
         out: folder for the results; None where none are to be written.
-        overwrite: replace what it holds.
+        scheduler: address of a Dask scheduler.
+        skip_bad: go on with the good impacts.
+        overwrite: replace what the folder holds.
         quiet: print errors only.
         as_json: print tables as JSON, and nothing else.
-        skip_bad: go on with the good impacts.
-        scheduler: address of a Dask scheduler.
         target: ``out``, claimed.
         then: what is done with results that stand; whether it passed.
         patience_s: before this no line tells of the progress; see `bayestissue.commands.console.Stages`.
@@ -95,11 +96,11 @@ class Call:
     """
 
     out: Path | None = None
-    overwrite: bool = False
-    quiet: bool = False
-    as_json: bool = False
-    skip_bad: bool = False
-    scheduler: str | None = None
+    scheduler: Scheduler = None
+    skip_bad: SkipBad = False
+    overwrite: Overwrite = False
+    quiet: Quiet = False
+    as_json: Json = False
     target: results.OutputFolder | None = None
     then: Callable[[Path], bool] | None = None
     patience_s: float = 0.0
@@ -130,27 +131,15 @@ class Call:
             echo(text)
 
 
-# Of `Call`, as the command line has them: --out behind what a command needs, the others behind its own.
-_SHARED: dict[str, tuple[Any, Any]] = {
-    "scheduler": (Scheduler, None),
-    "skip_bad": (SkipBad, False),
-    "overwrite": (Overwrite, False),
-    "quiet": (Quiet, False),
-    "as_json": (Json, False),
-}
 type Words = Callable[[Any], Iterable[Shown]]
-
-
-def _none(_: Any) -> Iterable[Shown]:
-    return ()
 
 
 def delivers(
     *shared: str,
     out: Any = inspect.Parameter.empty,
     inputs: tuple[str, ...] = (),
-    shown: Words = _none,
-    verdict: Words = _none,
+    shown: Words = attrgetter("words"),
+    verdict: Words = lambda result: getattr(result, "always", ()),
     one_core: bool = False,
 ) -> Callable[[Callable[..., Result]], Callable[..., None]]:
     """A command whose function computes a `Result`; here it is written, printed, and ends the process.
@@ -162,7 +151,7 @@ def delivers(
         shared: of ``scheduler``, ``skip_bad`` and ``as_json`` those that it has.
         out: the default of --out, or what makes it of the other options; needed unless given.
         inputs: the options that name files and folders which must not be overwritten.
-        shown: what is printed of a result.
+        shown: what is printed of a result, unless it has words of its own.
         verdict: what is printed before that, whatever --quiet says.
         one_core: see `runtime.configure`.
     """
@@ -177,7 +166,7 @@ def delivers(
             bound = options.bind(**stated)
             bound.apply_defaults()
             given = bound.arguments
-            call = Call(**{name: given.pop(name) for name in ("out", *_SHARED) if name in given})
+            call = Call(**{name: given.pop(name) for name in (*shared, "out", "overwrite", "quiet")})
             if call.out is None and callable(out) and out is not inspect.Parameter.empty:
                 call.out = out(given)
             paths = [path for name in inputs for path in _listed(given[name])]
@@ -215,13 +204,10 @@ def _signature(function: Callable[..., Any], shared: tuple[str, ...], out: Any) 
     function.__annotations__.pop("return", None)
     own = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "call"]
     needed = [p for p in own if p.default is p.empty or _is_argument(p)]
-    kinds = {"out": (Out if out is not None else Path | None, out)}
-    kinds |= {name: kind for name, kind in _SHARED.items() if name in (*shared, "overwrite", "quiet")}
-    first, *last = (
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=kind, default=default)
-        for name, (kind, default) in kinds.items()
-    )
-    ordered = [*needed, first, *(p for p in own if p not in needed), *last]
+    common = inspect.signature(Call, eval_str=True).parameters
+    place = common["out"].replace(annotation=common["out"].annotation if out is None else Out, default=out)
+    last = [p for name, p in common.items() if name in (*shared, "overwrite", "quiet")]
+    ordered = [*needed, place, *(p for p in own if p not in needed), *last]
     return inspect.Signature([p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in ordered])
 
 

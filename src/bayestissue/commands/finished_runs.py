@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +14,7 @@ from bayestissue.commands.delivery import Call, FinishedFit, Quiet, Seed, delive
 from bayestissue.errors import more
 from bayestissue.paper import WIDTH_MM
 from bayestissue.remedies import codes_in
-from bayestissue.result import Result
+from bayestissue.result import Made
 from bayestissue.words import Words
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bayestissue.certificate.certificate import Certificate
     from bayestissue.commands.console import Shown
     from bayestissue.comparing import Comparison
-    from bayestissue.finished import Fit, Paper
+    from bayestissue.finished import Fit
 
 _OF_CLAIMS = {
     "posterior": "{value:.3f}",
@@ -53,56 +53,27 @@ _DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
 _OFF_BEST = {"elpd_difference": "off the best", "se_difference": "its se"}
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Answers(Result):
-    """A table that a finished fit was asked for.
-
-    Attributes:
-        fit: that was asked.
-        name: of the table: that of its file, of its page in `bayestissue.report.answers_page`, and in JSON.
-        table: with the answers.
-        draws: a file that joint draws were written to.
-    """
-
-    fit: Fit
-    name: str
-    table: pd.DataFrame
-    draws: Path | None = None
-    about = {}  # noqa: RUF012
-
-    @property
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """The one table."""
-        return {self.name: self.table}
-
-    def page(self) -> str:
-        """The HTML of the page."""
-        from bayestissue.report import answers_page
-
-        html: str = getattr(answers_page, f"{self.name}_page")(self.table, self.fit.about)
-        return html
-
-    def wrote(self, folder: Path) -> str:
-        """What was written, in a line."""
-        return f"wrote {folder / f'{self.name}.csv'} and {folder / 'report.html'}"
-
-
-def _of_table(answers: Answers) -> Iterator[Shown]:
+def _made(fit: Fit, name: str, table: pd.DataFrame, words: Callable[..., Iterator[Shown]]) -> Made:
+    """A table that a finished fit was asked for; ``name`` is that of its file and its page."""
+    from bayestissue.report import answers_page
     from bayestissue.report.wording import names_in, nouns_of
 
-    shown = of_answers if answers.name == "questions" else of_predictions
-    yield from shown(answers.table, nouns_of(answers.fit.about, names_in(answers.table)))
-    if answers.draws is not None:
-        yield f"wrote {answers.draws}"
+    page = getattr(answers_page, f"{name}_page")
+    return Made(
+        tables={name: table},
+        html=lambda _: page(table, fit.about),
+        files=(f"{name}.csv", "report.html"),
+        words=words(table, nouns_of(fit.about, names_in(table))),
+    )
 
 
-@delivers("as_json", out=None, inputs=("run",), shown=_of_table)
+@delivers("as_json", out=None, inputs=("run",))
 def ask(
     run: FinishedFit,
     questions: Annotated[list[str], typer.Argument(metavar="QUESTION...")],
     *,
     call: Call,
-) -> Answers:
+) -> Made:
     """Questions to a finished fit: probability by posterior and prior, Bayes factor, Monte Carlo error.
 
     A comparison gets a probability, all else a median and a 90 % interval. Five examples:
@@ -132,18 +103,18 @@ def ask(
     from bayestissue.finished import read_run
 
     fit = read_run(run)
-    return Answers(fit, "questions", fit.ask(*questions))
+    return _made(fit, "questions", fit.ask(*questions), of_answers)
 
 
 # A folder that is replaced, or is yet to be, must not hold the file of draws.
-@delivers("as_json", out=None, inputs=("run", "at", "draws"), shown=_of_table)
+@delivers("as_json", out=None, inputs=("run", "at", "draws"))
 def predict(
     run: FinishedFit,
     at: Annotated[Path, typer.Option(metavar="TABLE.csv")],
     draws: Annotated[Path | None, typer.Option(metavar="FILE")] = None,
     *,
     call: Call,
-) -> Answers:
+) -> Made:
     """K, C, depth, force, energy and other outcomes of new impacts, by a finished fit.
 
     Each row of the table is one new impact, so the intervals hold its scatter too. Numbers that are not given
@@ -162,7 +133,8 @@ def predict(
 
     fit = read_run(run)
     table = fit.predict(at, draws=draws, overwrite=call.overwrite, say=call.say)
-    return Answers(fit, "predictions", table, draws)
+    made = _made(fit, "predictions", table, of_predictions)
+    return made if draws is None else replace(made, words=[*made.words, f"wrote {draws}"])
 
 
 def report(
@@ -189,7 +161,7 @@ def export(
     width: Annotated[float, typer.Option(metavar="MM", min=40, max=400)] = WIDTH_MM,
     *,
     call: Call,
-) -> Paper:
+) -> Made:
     """A finished fit for a paper: methods and results as text, all tables in one workbook, figures.
 
     methods.md and methods.docx hold paragraphs with this run's numbers, settings, versions and references;

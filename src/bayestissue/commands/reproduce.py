@@ -2,65 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bayestissue import resources, results, runtime
 from bayestissue.commands.delivery import Call, Seed, delivers
 from bayestissue.errors import more
-from bayestissue.result import Result
+from bayestissue.result import Made
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from bayestissue.commands.console import Shown
-    from bayestissue.thesis.reanalysis.analysis import PublishedAnalysis
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Reproduction(Result):
-    """The published estimates recomputed, audited and analysed anew.
-
-    Attributes:
-        about: the content of ``run.json``.
-        recomputed: the table ``reproduction.csv``.
-        audit: the table ``audit.csv``.
-        analysis: all else.
-    """
-
-    about: dict[str, Any]
-    recomputed: pd.DataFrame
-    audit: pd.DataFrame
-    analysis: PublishedAnalysis
-
-    @property
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """Those of the folder, truth and falsehood as a spreadsheet of any language has them."""
-        names = ("summary", "hypotheses", "comparison", "sensitivity", "predictive_checks")
-        tables = {"reproduction": self.recomputed, "audit": self.audit}
-        tables |= {name: getattr(self.analysis, name) for name in names}
-        return {name: _in_words(table) for name, table in tables.items()}
-
-    @property
-    def passed(self) -> bool:
-        """Whether the sampler did its work."""
-        return bool(self.about["verdict"]["passed"])
-
-    def write(self, folder: Path) -> None:
-        """Write every file but the page."""
-        super().write(folder)
-        results.write_tree(self.analysis.tree, folder / "posterior.nc")
-        results.write_json(self.analysis.diagnostics, folder / "diagnostics.json")
-
-    def page_in(self, folder: Path) -> str:
-        """The HTML of the page, made of the files."""
-        from bayestissue.thesis.pages.published_page import published_page
-
-        return published_page(folder, self.about)
 
 
 def _in_words(table: pd.DataFrame) -> pd.DataFrame:
@@ -68,20 +22,13 @@ def _in_words(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(**{str(name): column.str.lower() for name, column in booleans.items()})
 
 
-def _of_reproduction(made: Reproduction) -> Iterator[Shown]:
-    from bayestissue.inference.samplers.diagnostics import warned_codes
-
-    yield from made.about["verdict"]["words"].splitlines()
-    yield more(warned_codes(made.analysis.diagnostics))
-
-
-@delivers(inputs=("model",), shown=_of_reproduction)
+@delivers(inputs=("model",))
 def reproduce(
     model: Annotated[str | None, typer.Option(metavar="NAME|FILE")] = None,
     seed: Seed = 0,
     *,
     call: Call,
-) -> Reproduction:
+) -> Made:
     """Recompute, audit and re-analyse the thesis's published estimates, and write the report.
 
     Args:
@@ -89,8 +36,9 @@ def reproduce(
     """
     from bayestissue.dataset.published import read_published
     from bayestissue.hierarchy.specification import read_specification
-    from bayestissue.inference.samplers.diagnostics import verdict_in_words
+    from bayestissue.inference.samplers.diagnostics import verdict_in_words, warned_codes
     from bayestissue.thesis.audit import audit_published
+    from bayestissue.thesis.pages.published_page import published_page
     from bayestissue.thesis.reanalysis.analysis import analyse, competing_designs
     from bayestissue.thesis.reanalysis.observations import published_design, published_observations
     from bayestissue.thesis.reproduction import reproduce_published
@@ -106,11 +54,13 @@ def reproduce(
     design = published_design(observations, specification, source=str(file))
     competing = competing_designs(observations, specification, str(file))
     say("recomputing what was published", 0, 1)
-    recomputed = reproduce_published(tables)
+    results_by_name = {"reproduction": reproduce_published(tables)}
     say("auditing the publication", 0, 1)
-    audit = audit_published(tables)
+    results_by_name["audit"] = audit_published(tables)
     analysis = analyse(observations, design, competing, specification, seed, say)
-    words = verdict_in_words(analysis.diagnostics)
+    names = ("summary", "hypotheses", "comparison", "sensitivity", "predictive_checks")
+    results_by_name |= {name: getattr(analysis, name) for name in names}
+    words, passed = verdict_in_words(analysis.diagnostics), analysis.diagnostics["passed"]
     about = start.record(
         "reproduce",
         "published",
@@ -118,6 +68,18 @@ def reproduce(
         terms_left_out=design.terms_left_out(),
         seed=seed,
         input_hash=runtime.content_hash([*tables.paths, file]),
-        verdict={"passed": analysis.diagnostics["passed"], "words": words},
+        verdict={"passed": passed, "words": words},
     )
-    return Reproduction(about, recomputed, audit, analysis)
+
+    def write(folder: Path) -> None:
+        results.write_tree(analysis.tree, folder / "posterior.nc")
+        results.write_json(analysis.diagnostics, folder / "diagnostics.json")
+
+    return Made(
+        about,
+        {name: _in_words(table) for name, table in results_by_name.items()},
+        write,
+        partial(published_page, record=about),
+        passed,
+        words=[words, more(warned_codes(analysis.diagnostics))],
+    )

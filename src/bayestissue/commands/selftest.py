@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bayestissue import runtime
 from bayestissue.commands.delivery import Call, delivers
-from bayestissue.result import Result
+from bayestissue.result import Made
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,53 +17,22 @@ if TYPE_CHECKING:
     from bayestissue.commands.console import Shown
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class SelfTest(Result):
-    """What the program found of itself.
-
-    Attributes:
-        about: the content of ``run.json``.
-        findings: a row a check: ``selftest.csv``.
-    """
-
-    files = ("selftest.md",)
-    about: dict[str, Any]
-    findings: pd.DataFrame
-
-    @property
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """The findings."""
-        return {"selftest": self.findings}
-
-    @property
-    def passed(self) -> bool:
-        """Whether all checks did."""
-        return bool(self.about["verdict"]["passed"])
-
-    def write(self, folder: Path) -> None:
-        """Write every file."""
-        from bayestissue.selftest.checks import as_markdown
-
-        super().write(folder)
-        (folder / "selftest.md").write_text(as_markdown(self.findings, self.about), encoding="utf-8")
-
-
-def _verdict(test: SelfTest) -> Iterator[Shown]:
+def _verdict(findings: pd.DataFrame, words: str) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
 
-    failed = test.findings[test.findings["passed"] == 0]
+    failed = findings[findings["passed"] == 0]
     columns = ["check", "what", "expected", "found"]
     if len(failed):
         yield Grid("what failed", columns, failed[columns].itertuples(index=False))
-    yield test.about["verdict"]["words"]
+    yield words
 
 
-@delivers(out=Path("selftest"), verdict=_verdict)
+@delivers(out=Path("selftest"))
 def selftest(
     thorough: bool = False,
     *,
     call: Call,
-) -> SelfTest:
+) -> Made:
     """Test the installed program on this machine: two minutes, no data of yours, one line of verdict.
 
     Numbers that others published, campaigns with a known truth, a file of each recorder format, and a fit
@@ -75,7 +43,7 @@ def selftest(
             results are to lie, and removed.
         thorough: More models recovered, and a calibration of six hundred impacts: ten minutes.
     """
-    from bayestissue.selftest.checks import machine, verdict
+    from bayestissue.selftest.checks import as_markdown, machine, verdict
     from bayestissue.selftest.plan import self_test
 
     start, work = runtime.Start(), call.parts("selftest")
@@ -94,4 +62,9 @@ def selftest(
         machine=machine(),
         verdict={"passed": passed, "words": words},
     )
-    return SelfTest(about, findings)
+
+    def write(folder: Path) -> None:
+        (folder / "selftest.md").write_text(as_markdown(findings, about), encoding="utf-8")
+
+    tables, words_printed = {"selftest": findings}, _verdict(findings, words)
+    return Made(about, tables, write, passed=passed, files=("selftest.md",), always=words_printed)

@@ -48,6 +48,7 @@ class Plan(Result):
 
     command = "plan"
     files = ("designs.csv", "report.html")
+    table_names = (DESIGNS,)
     about: dict[str, Any]
     content: dict[str, Any]
     designs: pd.DataFrame
@@ -72,14 +73,9 @@ class Plan(Result):
         """The same for a grant application or a preregistration."""
         return str(self.content["paragraph"])
 
-    @property
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """The designs."""
-        return {DESIGNS: self.designs}
-
     def page(self) -> str:
         """The HTML of the page."""
-        return page_of(self.content, typed(DESIGNS, self.designs), self.about)
+        return page_of(self.content, self.designs, self.about)
 
     def write(self, folder: Path) -> None:
         """Write every file of a plan, but for the page that is drawn of them."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Container, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,6 @@ from bayestissue.runtime import FORMAT
 POSTERIOR_TABLES = ("summary", "hypotheses", "sensitivity")
 
 
-@dataclass(frozen=True)
 class PosteriorRun:
     """What the files of a run with a posterior of K and C say.
 

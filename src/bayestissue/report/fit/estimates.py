@@ -83,7 +83,7 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
     """
     from scipy.special import stdtrit
 
-    table = run.estimates_dds[["mass_kg", COLUMNS[quantity]]].dropna()
+    table = run.point_estimates[["mass_kg", COLUMNS[quantity]]].dropna()
     table = table[(table > 0).all(axis=1)]
     mass = table["mass_kg"].to_numpy()
     if len(table) < 3 or mass.max() <= WORTH.masses * mass.min():

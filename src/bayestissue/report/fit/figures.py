@@ -159,7 +159,7 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
         conditions[["eti90_low", "eti90_high"]] = np.nan
         who = "geometric mean of its impacts"
     conditions = conditions.assign(mass_kg=np.asarray(at))
-    dds = run.estimates_dds[["impact", "mass_kg", COLUMNS[quantity]]].rename(
+    dds = run.point_estimates[["impact", "mass_kg", COLUMNS[quantity]]].rename(
         columns={COLUMNS[quantity]: "value"}
     )
     return of_impacts.over_mass(

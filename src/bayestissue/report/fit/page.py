@@ -25,7 +25,7 @@ from bayestissue.report.fit import (
     usual,
     words,
 )
-from bayestissue.report.fit.run import FitRun, read_fit_run
+from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import render_page
 
 # What the template calls for the words, tables and figures of a section, by the modules' names.
@@ -42,7 +42,7 @@ def fit_page(folder: Path, record: dict[str, Any]) -> str:
     Raises:
         InputError: a file of the run lacks or isn't what a run writes.
     """
-    return page_of(read_fit_run(folder, record))
+    return page_of(FitRun.read(folder, record).complete())
 
 
 def page_of(run: FitRun, **served: Any) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import pandas as pd
@@ -17,18 +18,25 @@ from bayestissue.errors import InputError, all_of
 from bayestissue.figures.impacts import end
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.formulas.group_terms import stem_of
+from bayestissue.inference.answers.finished import GROUPS, Finished
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, element_alone, symbols
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
     PosteriorRun,
     of_population,
-    read_groups,
+    open_tree,
     read_json,
     require_files,
+    require_groups,
 )
-from bayestissue.results import read_tables
+from bayestissue.results import read_table
 from bayestissue.results.tables import table_of_rows, typed, wrong_in
 from bayestissue.words import Words
+
+if TYPE_CHECKING:
+    from bayestissue.dataset import Dataset
+    from bayestissue.hierarchy.trace_data import Prepared
+    from bayestissue.inference.chain.results import ChainEnd
 
 # What means the same for every element, where the truth is another element's.
 COMPARABLE = {"K": "K_secant_N_per_m", "C": "C_equivalent_N_s_per_m"}
@@ -43,8 +51,6 @@ TABLES = (
     "curves",
     "reliability",
 )
-# Only simulated data have a truth, and few model files questions.
-FURTHER_TABLES = ("truth", "questions")
 # What the page can't do without, by group of `posterior.nc`.
 _NEEDED = {
     "posterior": ("K", "C", "K_new", "C_new", "intercept_K", "intercept_C"),
@@ -55,24 +61,115 @@ _NEEDED = {
 _AGAIN = "Make the run anew with `bayestissue fit`."
 
 
-@dataclass(frozen=True)
-class FitRun(PosteriorRun):
-    """What the files of a `fit` say.
+def _table(name: str, words: str) -> property:
+    """The table of a run of this name, text and numbers as they are declared; ``words`` say what it has."""
+    return property(lambda run: run.table(name), doc=words)
 
-    Draws of single impacts are left out of ``groups``: their medians and intervals stand in ``summary``.
-    ``truth`` is empty unless the data were simulated, ``questions`` unless some were asked.
+
+def _may_lack(name: str, words: str) -> property:
+    """The same of a table that few runs have; empty where there is none."""
+
+    def found(run: FitRun) -> pd.DataFrame:
+        with suppress(KeyError):
+            return run.table(name)
+        # Of a simulated dataset, which knows the truth.
+        if run.folder is not None and (run.folder / f"{name}.csv").is_file():
+            return read_table(run.folder, name)
+        return typed(name, table_of_rows(name))
+
+    return property(found, doc=words)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FitRun(PosteriorRun):
+    """A finished fit as its pages, texts and figures read it, just made or read back from its folder.
+
+    Attributes:
+        about: the content of ``run.json``.
+        posterior: the ArviZ DataTree with all groups of ``posterior.nc``: draws, predictions, densities,
+            data. Of a run that was read back they are read from the file as they are needed.
+        diagnostics: whether the sampler did its work (``passed``), and each check: ``diagnostics.json``.
+            Besides, what is in doubt whatever the sampler did: ``measuring_chain`` (see
+            `bayestissue.inference.checking.measuring_chain.judge`) and ``model_form``.
+        table: a table of the folder by its name, such as "summary"; a KeyError where there is none.
+        folder: of the run that was read back, or of the dataset that was fitted; None where it has none.
+        dataset: what was fitted; None of a run that was read back, which has no recordings.
+        prepared: the model and its data, likewise.
+        end: where the chains ended, likewise; see `chain_end`.
     """
 
-    cross_validation: pd.DataFrame
-    estimates_dds: pd.DataFrame
-    truth: pd.DataFrame
-    interval_sources: pd.DataFrame
-    questions: pd.DataFrame
-    contrasts: pd.DataFrame
-    levels: pd.DataFrame
-    loops: pd.DataFrame
-    curves: pd.DataFrame
-    reliability: pd.DataFrame
+    about: dict[str, Any]
+    posterior: xr.DataTree
+    diagnostics: dict[str, Any]
+    table: Callable[[str], pd.DataFrame]
+    folder: Path | None = None
+    dataset: Dataset | None = None
+    prepared: Prepared | None = None
+    end: ChainEnd | None = None
+
+    summary = _table("summary", "Mean, median, intervals, R-hat, effective sample sizes of all quantities.")
+    contrasts = _table("contrasts", "Ratios of K, C and outcomes between levels of categories and groups.")
+    reliability = _table("reliability", "Intraclass correlations, error of measurement, detectable change.")
+    agreement = _table("agreement", "Ratios of the thesis's method and the posterior.")
+    point_estimates = _table("estimates_dds", 'Of every impact by the thesis\'s method, "dds" of `estimate`.')
+    hypotheses = _table("hypotheses", "Probabilities of what is claimed of mass exponents.")
+    sensitivity = _table("sensitivity", "How much prior and data move each quantity of the population.")
+    cross_validation = _table("cross_validation", "Log predictive densities of what is left out in turn.")
+    interval_sources = _table("interval_sources", "What each source of error has in the intervals.")
+    levels = _table("levels", "Quantities at each level of a factor.")
+    loops = _table("loops", "Force over depth at each level of a factor.")
+    curves = _table("curves", "Outcomes over masses and velocities at each level of a factor.")
+    truth = _may_lack("truth", "What simulated data were made from; empty of others.")
+    questions = _may_lack("questions", "Answers to questions of the model file; those without one say why.")
+
+    @classmethod
+    def read(cls, folder: Path, record: dict[str, Any]) -> Self:
+        """The run in a folder, whose ``run.json`` holds ``record``; its files are read as they are needed.
+
+        Raises:
+            InputError: files lack, or aren't what a run writes.
+        """
+        require_files(folder, ["posterior.nc", "diagnostics.json"])
+        tree = open_tree(folder / "posterior.nc", dict.fromkeys(GROUPS, ()), _AGAIN)
+        return cls(
+            record, tree, read_json(folder / "diagnostics.json"), cache(partial(_stored, folder)), folder
+        )
+
+    def complete(self) -> Self:
+        """The same, after every file that a page is made of was read.
+
+        Raises:
+            InputError: a file lacks or isn't what a run writes; all such files are named at once.
+        """
+        if self.dataset is None and (folder := self.folder) is not None:
+            require_files(folder, [f"{name}.csv" for name in TABLES])
+            readers: list[Callable[[], Any]] = [partial(self.table, name) for name in TABLES]
+            readers += [lambda: self.truth, lambda: self.questions, lambda: self.groups]
+            all_of(lambda read: read(), readers)
+            if "checks" not in self.diagnostics:
+                raise InputError(wrong_in(folder / "diagnostics.json", 'the key "checks"', _AGAIN))
+        return self
+
+    @cached_property
+    def groups(self) -> dict[str, xr.Dataset]:  # type: ignore[override]
+        """The groups that pages show, in memory, without draws of single impacts.
+
+        Their medians and intervals stand in ``summary``.
+        """
+        require_groups(self.posterior, _NEEDED, (self.folder or Path()) / "posterior.nc", _AGAIN)
+        shown = of_population({name: self.posterior[name].to_dataset() for name in _NEEDED})
+        return {name: data.load() for name, data in shown.items()}
+
+    @property
+    def record(self) -> dict[str, Any]:  # type: ignore[override]
+        """``about``, with a name of the dataset."""
+        name = self.about.get("dataset") or (self.folder.name if self.folder is not None else "")
+        return self.about | {"dataset": name}
+
+    @cached_property
+    def finished(self) -> Finished:
+        """The fit as questions and predictions need it."""
+        return Finished.from_tree(self.posterior, self.about["model"])
 
     def of_impacts(self, variable: str) -> pd.DataFrame:
         """The rows of ``summary`` for an impact's ``variable``, by impact; empty if the model has none."""
@@ -118,7 +215,7 @@ class FitRun(PosteriorRun):
         tables = {}
         for q, column in COLUMNS.items():
             table = self.of_impacts(self.symbols[q])[names].copy()
-            table["dds"] = self.estimates_dds.set_index("impact")[column].reindex(table.index)
+            table["dds"] = self.point_estimates.set_index("impact")[column].reindex(table.index)
             comparable = same or self.symbols[q] != q
             true = COMPARABLE[q] if comparable and COMPARABLE[q] in self.truth else column
             table["truth"] = self.truth.set_index("impact")[true].reindex(table.index)
@@ -244,48 +341,12 @@ class FitRun(PosteriorRun):
         return self.constant("force_time" if (what or self.shown) == "force" else "time")
 
 
-def fit_run(
-    record: dict[str, Any],
-    diagnostics: dict[str, Any],
-    tree: xr.DataTree,
-    tables: Mapping[str, pd.DataFrame],
-) -> FitRun:
-    """A fit in memory: the content of ``run.json`` and ``diagnostics.json``, its draws, tables by name."""
-    return FitRun(
-        record=record,
-        diagnostics=diagnostics,
-        groups=of_population({name: tree[name].to_dataset() for name in _NEEDED}),
-        **{name: typed(name, tables[name]) for name in TABLES},
-        **_further(tables),
-    )
-
-
-def read_fit_run(folder: Path, record: dict[str, Any]) -> FitRun:
-    """Read every file of the run in ``folder``, whose ``run.json`` holds ``record``.
+def _stored(folder: Path, name: str) -> pd.DataFrame:
+    """A table of a run.
 
     Raises:
-        InputError: a file lacks or isn't what a run writes; all such files are named at once.
+        KeyError: the run has none of this name.
     """
-    require_files(folder, [*(f"{name}.csv" for name in TABLES), "diagnostics.json", "posterior.nc"])
-    record = record | {"dataset": record.get("dataset") or folder.name}
-    readers: tuple[Callable[[], Any], ...] = (
-        lambda: read_tables(folder, TABLES, FURTHER_TABLES),
-        lambda: read_groups(folder / "posterior.nc", _NEEDED, _AGAIN, of_impacts=()),
-        lambda: _read_diagnostics(folder / "diagnostics.json"),
-    )
-    tables, groups, diagnostics = all_of(lambda read: read(), readers)
-    return FitRun(record=record, diagnostics=diagnostics, groups=groups, **(tables | _further(tables)))
-
-
-def _further(tables: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
-    """The tables that a run may lack; those that it lacks are empty."""
-    return {
-        name: typed(name, tables[name] if name in tables else table_of_rows(name)) for name in FURTHER_TABLES
-    }
-
-
-def _read_diagnostics(path: Path) -> dict[str, Any]:
-    content = read_json(path)
-    if "checks" not in content:
-        raise InputError(wrong_in(path, 'the key "checks"', _AGAIN))
-    return content
+    if not (folder / f"{name}.csv").is_file():
+        raise KeyError(name)
+    return read_table(folder, name)

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from bayestissue.inference.results.meanings import UNITS
 from bayestissue.report.posterior import QUANTITIES, spread
@@ -34,6 +35,12 @@ _GROUPS: dict[str, tuple[str, ...]] = dict.fromkeys(
 class PublishedRun(PosteriorRun):
     """What the files of a `reproduce` run say."""
 
+    record: dict[str, Any]
+    diagnostics: dict[str, Any]
+    groups: dict[str, xr.Dataset]
+    summary: pd.DataFrame
+    hypotheses: pd.DataFrame
+    sensitivity: pd.DataFrame
     reproduction: pd.DataFrame
     audit: pd.DataFrame
     comparison: pd.DataFrame
