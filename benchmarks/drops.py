@@ -16,8 +16,8 @@ import numpy as np
 
 from bayestissue import runtime
 from bayestissue.dataset.settings import STANDARD_GRAVITY
+from bayestissue.errors import Coded
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.signal.quality.inspection import KINDS
 from bayestissue.simulation import Simulation, simulate
 
 PEOPLE = 50
@@ -50,7 +50,7 @@ def line(made: Simulation, declared: float) -> dict[str, object]:
         row[f"{letter}_held"] = int(((low <= true) & (true <= high)).sum())
         row[f"{letter}_bias"] = np.nanmedian(table[f"{letter}_{unit}"] / true - 1)
     flags = table["flags"].str
-    undeclared, declared = (KINDS[name].flag for name in ("gravity-undeclared", "gravity-declared"))
+    undeclared, declared = (Coded.stated(key) for key in ("gravity.undeclared", "gravity.declared"))
     named = flags.contains(undeclared, regex=False) | flags.contains(declared, regex=False)
     return row | {"gravity_named": int(named.sum())}
 

@@ -13,8 +13,8 @@ from bayestissue.dataset import Dataset, Trace
 from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.recordings import Recordings, Samples
 from bayestissue.dataset.settings import Quantity
+from bayestissue.errors import Coded
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.signal.quality import inspection
 
 type Stage = Callable[[np.ndarray, np.ndarray], np.ndarray]
 type Spoiling = Callable[[Impact, Chain, np.random.Generator], Trace]
@@ -337,7 +337,7 @@ def judged(recorded: Recorded, *, sound: bool = False) -> pd.DataFrame:
     """
     data = dataset(recorded.impacts, recorded.traces, recorded.quantity)
     table = estimate(data, method="dds")
-    noted = table["notes"].str.contains(inspection.KINDS["contact-earlier"].flag, regex=False)
+    noted = table["notes"].str.contains(Coded.stated("contact-earlier"), regex=False)
     found = pd.DataFrame({"flags": _said(data, table), "K_off": 0.0, "C_off": 0.0, "noted": noted})
     if not sound:
         whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)

@@ -34,13 +34,13 @@ print("format", read.values.tolist(), read.clock.tolist())
 
 import bayestissue as bt
 from bayestissue.commands.texts import explain
-from bayestissue.signal.quality import inspect
+from bayestissue.signal.quality import inspect, raised
 time = np.arange(400) / 1e4
 pulse = 0.5 * np.exp(-(((time - 0.02) / 0.004) ** 2)) + np.random.default_rng(0).normal(0, 1e-3, time.size)
 impacts = {"impact": ["i"], "subject": ["s"], "mass_kg": [1.0], "velocity_m_s": [0.003]}
 data = bt.dataset(impacts, [(time, pulse)], quantity="deceleration", unit="m/s^2")
-found = {each.kind.flag: each for each in inspect(data)}
-print("check", found["a peak below 1 m/s²"].said, found["a peak below 1 m/s²"].kind.flag.code)
+codes = {str(flag): flag.code for flag in raised(inspect(data), 1)[0]}
+print("check", inspect(data)["too-quiet"], codes["a peak below 1 m/s²"])
 explain(["too-quiet"], as_json=False)
 
 from types import SimpleNamespace

@@ -10,6 +10,7 @@ import re
 import runpy
 from collections.abc import Iterator
 from pathlib import Path
+from string import Formatter
 
 import pytest
 
@@ -18,7 +19,7 @@ from bayestissue import cli
 from bayestissue.commands.texts import explain
 from bayestissue.errors import Coded, InputError, Problem, more
 from bayestissue.inference.samplers.diagnostics import warned_codes, warnings
-from bayestissue.remedies import codes_in, entries, messages
+from bayestissue.remedies import codes_in, entries, flags, messages
 
 SOURCE = Path(bayestissue.__file__).parent
 ROOT = SOURCE.parents[1]
@@ -91,12 +92,13 @@ def test_every_key_of_a_message_is_known() -> None:
             if isinstance(call, ast.Call) and getattr(call.func, "attr", "") == "stated":
                 owner = getattr(getattr(call.func, "value", None), "id", "")
                 key = call.args[0]
-                if owner in ("Problem", "InputError") and isinstance(key, ast.Constant):
-                    assert key.value in messages(), (path.name, call.lineno, key.value)
+                known = {"Problem": messages(), "InputError": messages(), "Coded": flags()}.get(owner)
+                if known is not None and isinstance(key, ast.Constant):
+                    assert key.value in known, (path.name, call.lineno, key.value)
         several = [
             key for key in _texts_of(tree) if KEY.fullmatch(key) and key.partition(".")[0] in entries()
         ]
-        assert set(several) <= set(messages()), path.name
+        assert set(several) <= {*messages(), *flags()}, path.name
 
 
 def _texts_of(tree: ast.Module) -> Iterator[str]:
@@ -122,35 +124,17 @@ def test_every_entry_is_led_to() -> None:
     assert set(entries()) - codes == set()
 
 
-def _texts(node: ast.expr, tree: ast.Module) -> list[str]:
-    """What a literal or f-string says, figures as 0; of a name, what the module gives to it."""
-    if isinstance(node, ast.Constant):
-        return [str(node.value)]
-    if isinstance(node, ast.JoinedStr):
-        return ["".join(str(each.value) if isinstance(each, ast.Constant) else "0" for each in node.values)]
-    assigned = [each for each in ast.walk(tree) if isinstance(each, ast.Assign)]
-    name = getattr(node, "id", None)
-    return [
-        text
-        for each in assigned
-        if isinstance(each.value, ast.Constant | ast.JoinedStr) and getattr(each.targets[0], "id", "") == name
-        for text in _texts(each.value, tree)
-    ]
-
-
 def test_words_of_tables_are_recognised() -> None:
-    looked_at = 0
-    for path, tree in trees().items():
-        for call in calls(tree):
-            code = code_of(call)
-            if getattr(call.func, "id", "") != "Coded" or not isinstance(code, ast.Constant):
-                continue
-            if isinstance(call.args[0], ast.Subscript):  # a diagnostic's own words, with its code beside them
-                continue
-            found = [codes_in(text) for text in _texts(call.args[0], tree)]
-            assert any(code.value in each for each in found), (path.name, call.lineno, found)
-            looked_at += 1
-    assert looked_at > 30
+    assert len(flags()) > 60
+    for key, flag in flags().items():
+        names = {name for _, name, _, _ in Formatter().parse(flag.says) if name}
+        assert codes_in(f"before; {Coded.stated(key, **dict.fromkeys(names, 7))}; after") == [flag.code], key
+
+
+@pytest.mark.slow
+def test_every_word_that_warns_is_said() -> None:
+    used = {text for tree in trees().values() for text in _texts_of(tree)}
+    assert set(flags()) <= used
 
 
 def test_words_keep_their_code_and_are_words() -> None:

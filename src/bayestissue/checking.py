@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.results.meanings import few_valued_words
 from bayestissue.inference.single.phantoms import control_chart
 from bayestissue.outline import Rows, counted, first_of, short, span
+from bayestissue.remedies import entries, flags
 from bayestissue.report.recordings_pages import check_page, kinds, quality_table
 from bayestissue.result import Result
 from bayestissue.results.tables import table_of_rows
@@ -27,7 +28,7 @@ from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.filters import white_share
 from bayestissue.signal.force import Force, force_beside
-from bayestissue.signal.quality import Finding, inspect, raised
+from bayestissue.signal.quality import Findings, inspect, raised
 from bayestissue.signal.quality.low_pass import suspected
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ class Check(Result):
     signal: Displacements
     quality: pd.DataFrame
     warnings: tuple[Problem, ...]
-    findings: Sequence[Finding] = ()
+    findings: Findings = field(default_factory=dict)
     force: Force | None = None
     phantoms: pd.DataFrame | None = None
 
@@ -93,8 +94,7 @@ class Check(Result):
         """What is not wrong, but should be known."""
         impacts = self.dataset.impacts
         one_mass = impacts["mass_kg"].min() == impacts["mass_kg"].max()
-        words = Coded("the mass never varies: these data have no mass exponent", "one-mass")
-        masses = [words] if one_mass else []
+        masses = [Coded.stated("one-mass")] if one_mass else []
         codes = few_valued_words(few_valued(impacts))
         noted = raised(self.findings, len(impacts), notes=True)
         rows = zip(self.signal.notes, noted, strict=True)
@@ -201,16 +201,16 @@ def check(dataset: Dataset | str | Path) -> Check:
     return Check(dataset, signal, quality, warnings, findings, force, control_chart(dataset))
 
 
-def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -> Iterator[Problem]:
+def _raised(data: Dataset, signal: Displacements, findings: Findings) -> Iterator[Problem]:
     """What the signal chain and the detectors of spoilt recordings say: the flags of `estimate`."""
     names = data.impacts["impact"]
     usable = "a recording that the default signal chain can use"
-    for impact, flags in zip(names, signal.flags, strict=True):
-        for flag in flags:
+    for impact, raised_here in zip(names, signal.flags, strict=True):
+        for flag in raised_here:
             yield Problem("recording", usable, f"{flag}.", impact=impact, code=flag.code)
-    for kind, words in ((finding.kind, finding.said) for finding in findings if not finding.kind.note):
-        wrong = partial(Problem, "recording", kind.expected, kind.advice, code=kind.flag.code)
-        pairs = zip(names, words, strict=True)
+    for kind, said in ((flags()[key], said) for key, said in findings.items() if not flags()[key].note):
+        wrong = partial(Problem, "recording", kind.expected, entries()[kind.code].advice, code=kind.code)
+        pairs = zip(names, said, strict=True)
         yield from (wrong(value=value, impact=impact) for impact, value in pairs if value)
     if data.recorder is None and data.quantity != "displacement":
         yield from _undeclared(names, signal)

@@ -248,15 +248,10 @@ def compare_runs(runs: Mapping[str, Fit]) -> pd.DataFrame:
                 table[["elpd_difference", "se_difference", "weight"]] = np.nan
             others = [name for name in runs if name not in group]
             if others:
-                apart = _apart(others)
+                apart = Coded.stated("other-numbers", others=", ".join(others))
                 table["warning"] = [f"{said}; {apart}" if said else apart for said in table["warning"]]
             parts.append(table)
     return joined("comparison", parts)
-
-
-def _apart(others: Sequence[str]) -> Coded:
-    words = f"densities of other numbers than those of {', '.join(others)}: not comparable"
-    return Coded(words, "other-numbers")
 
 
 def of_same_numbers(runs: Mapping[str, Fit]) -> list[dict[str, Fit]]:

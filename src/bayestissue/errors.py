@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
 from bayestissue.declarations import filled
-from bayestissue.remedies import Code, messages, retired
+from bayestissue.remedies import Code, flags, messages, retired
 
 # Control characters, and those that force a direction of writing: a terminal would obey them. And halves of
 # characters, which stand for bytes of a file name that are no UTF-8: no text can be written with them.
@@ -200,8 +200,19 @@ class Coded(str):
         coded.code = code
         return coded
 
+    @classmethod
+    def stated(cls, key: str, **values: object) -> Self:
+        """The words ``key`` of ``flags.toml``, with ``values`` in their braces."""
+        flag = flags()[key]
+        return cls(filled(flag.says, **values), flag.code)
+
     def __getnewargs__(self) -> tuple[str, Code]:  # type: ignore[override]
         return str(self), self.code
+
+
+def by_impact(words: Mapping[Coded, Any], count: int) -> list[list[Coded]]:
+    """Of each of ``count`` impacts the words that have something true in its place."""
+    return [[text for text, is_so in words.items() if is_so[row]] for row in range(count)]
 
 
 def codes_of(words: Iterable[str]) -> list[Code]:

@@ -578,7 +578,7 @@ def _points_and_flags(job: FitJob) -> tuple[pd.DataFrame, list[list[Coded]]]:
     from bayestissue.signal.quality import inspect
 
     dataset, options, signal = job.dataset, job.specification.signal, job.prepared.signal
-    findings = inspect(dataset, options) if len(dataset.impacts) < _MANY else []
+    findings = inspect(dataset, options) if len(dataset.impacts) < _MANY else {}
     of_default = signal if options == SignalOptions() else displacements(dataset)
     of_thesis = thesis_table(dataset, displacements(dataset, rule="trapezoidal"), findings)
     return of_thesis, flags_of(dataset, of_default, findings, {})

@@ -9,8 +9,8 @@ from bayestissue.bench.drops import Drop
 from bayestissue.bench.following import Stamp
 from bayestissue.bench.study import Study
 from bayestissue.bench.verdict import _SPOILT, verdict
+from bayestissue.errors import Coded
 from bayestissue.remedies import entries
-from bayestissue.signal.quality.inspection import KINDS
 
 
 def test_a_sound_drop_is_good() -> None:
@@ -18,17 +18,17 @@ def test_a_sound_drop_is_good() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"), [("no-law", "again"), ("starts-above-zero", "again"), ("gravity-undeclared", "look")]
+    ("name", "kind"), [("no-law", "again"), ("starts-above-zero", "again"), ("gravity.undeclared", "look")]
 )
 def test_a_spoilt_recording_is_repeated_and_a_wrong_setting_looked_at(name: str, kind: str) -> None:
-    flag = KINDS[name].flag
+    flag = Coded.stated(name)
     said = verdict([str(flag)])
     assert said == (kind, flag, flag.code, kind == "again")
     assert said.advice == entries()[flag.code].advice
 
 
 def test_a_spoilt_recording_comes_before_what_is_wrong_with_the_bench() -> None:
-    flags = [str(KINDS[name].flag) for name in ("hum", "spike")]
+    flags = [str(Coded.stated(name)) for name in ("hum", "spike")]
     assert verdict(flags).code == "spike"
 
 

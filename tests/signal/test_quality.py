@@ -11,6 +11,7 @@ from impacts_bench import Impact, Lab, Recorded, record
 from scipy.stats import binom
 
 from bayestissue.dataset.settings import Uncertainty
+from bayestissue.remedies import flags as flags_by_key
 from bayestissue.signal import SignalOptions
 from bayestissue.signal.quality import inspect, raised
 from bayestissue.signal.quality.samples import Recorded as Seen
@@ -39,7 +40,8 @@ def flags(lab: Lab, options: SignalOptions | None = None) -> list[list[str]]:
 
 def found(lab: Lab, words: str) -> list[str]:
     """What is said where the flag begins with these words."""
-    return [said for each in inspect(lab) if each.kind.flag.startswith(words) for said in each.said]
+    kinds = ((flags_by_key()[key], said) for key, said in inspect(lab).items())
+    return [one for kind, said in kinds if kind.says.startswith(words) for one in said]
 
 
 def test_a_sound_recording_is_left_alone():

@@ -28,7 +28,7 @@ from bayestissue.dataset import read_dataset
 from bayestissue.dataset.files import Source
 from bayestissue.dataset.impacts import wanted
 from bayestissue.dataset.traces import Traces
-from bayestissue.errors import InputError, Problem, printable
+from bayestissue.errors import Coded, InputError, Problem, printable
 from bayestissue.figures.impacts import end
 from bayestissue.inference.answers.predictions import QUANTITIES
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
@@ -43,7 +43,7 @@ from bayestissue.report.wording import PREDICTED, estimated
 from bayestissue.results import put
 from bayestissue.results.files import file_sha256
 from bayestissue.results.manifest import discard, mark_unfinished, require_left_over
-from bayestissue.signal.quality.inspection import KINDS, inspect
+from bayestissue.signal.quality.inspection import inspect
 from bayestissue.words import Words
 
 # Traces that pages can be shown at once; of others they are read anew. And lines that pages can catch up on.
@@ -526,8 +526,8 @@ class Watch:
             impacts=pd.concat([data.impacts for data in together], ignore_index=True),
             traces=Traces.of([trace for data in together for trace in data.traces]),
         )
-        said = [f for f in inspect(joined) if f.kind is KINDS["velocity-contradicted"] and f.said[-1]]
-        return f"{said[0].kind.flag}: {said[0].said[-1]}" if said else ""
+        said = inspect(joined).get("velocity-contradicted", [""])[-1]
+        return f"{Coded.stated('velocity-contradicted')}: {said}" if said else ""
 
     def _judged(self, name: str, row: Cells, impact: Impact, sha256: str) -> Drop:
         numbers = numbers_of(impact.row)
@@ -535,7 +535,7 @@ class Watch:
         if another := self._another_velocity(impact):
             flags.append(another)
         if (count := several(impact.dataset)) > 1:
-            flags.insert(0, f"the recording seems to hold several impacts ({count})")
+            flags.insert(0, Coded.stated("several-impacts", count=count))
         wanted = self.campaign.wanted
         site = self.study.site(impact)
         velocity = float(row.get("velocity_m_s", np.nan)), wanted.velocity_m_s, wanted.velocity_within

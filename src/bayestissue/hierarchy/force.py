@@ -227,7 +227,7 @@ def prepared_force(
             (rows.n_quiet < FEWEST_SAMPLES).any(),
             "a recording has no quiet part before contact, which tells its zero",
         ),
-        (comparison.lags, Coded(f"the two channels disagree: {comparison.late}", "channels-disagree")),
+        (comparison.lags, Coded.stated("channels-disagree.late", late=comparison.late)),
     ):
         if wrong:
             return words

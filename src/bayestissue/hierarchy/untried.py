@@ -45,19 +45,17 @@ def untried_words(columns: Sequence[Mapping[str, Any]], shown: int = 4) -> list[
     """A question for each of the first columns, with the formula to try."""
     words = [_question(column) for column in columns[:shown]]
     if further := [str(column["column"]) for column in columns[shown:]]:
-        words.append(Coded(f"Also not in the formula: {', '.join(further)}.", "columns-not-used"))
+        words.append(Coded.stated("columns-not-used.further", columns=", ".join(further)))
     return words
 
 
 def _question(column: Mapping[str, Any]) -> str:
     name, formula = column["column"], column["formula"]
-    words = f"{name} varies ({column['varies']}) and is not in the formula"
+    question = ": what differs there counts as scatter between impacts."
     if formula:
         difference = f"change with {name}" if column["number"] else f"differ by {name}"
-        words += f": does K {difference}? --K {_shell(formula)}"
-    else:
-        words += ": what differs there counts as scatter between impacts."
-    return Coded(words, "columns-not-used")
+        question = f": does K {difference}? --K {_shell(formula)}"
+    return Coded.stated("columns-not-used.one", column=name, varies=column["varies"], question=question)
 
 
 def _shell(formula: str) -> str:

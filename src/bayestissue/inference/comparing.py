@@ -87,7 +87,7 @@ def _high(score: Any, elements: str) -> str:
 def _few(count: int, elements: str) -> str:
     if count >= FEW:
         return ""
-    return Coded(f"{count} {elements} only: the standard errors are rough", "few-levels")
+    return Coded.stated("few-levels", count=count, elements=elements)
 
 
 def by_trial(pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:

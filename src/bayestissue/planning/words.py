@@ -158,8 +158,7 @@ def warning(content: Content) -> str:
     """What speaks against the numbers of a plan; empty if nothing."""
     if content["normal_traces"]:
         return ""
-    words = "Traces are no normal densities of log K and log C here: shares and widths may be off"
-    return Coded(words, "traces-not-normal")
+    return Coded.stated("traces-not-normal")
 
 
 def design_words(design: Content, content: Content) -> str:

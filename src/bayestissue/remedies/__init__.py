@@ -1,13 +1,17 @@
 """What every warning and error means, what it does to K and C, and what to do: ``remedies.toml``.
 
-The sentences that a problem is keyed in stand in ``messages.toml``, those of one code together; what to use
-instead of a name that is gone stands in ``retired.toml``.
+The sentences that a problem is keyed in stand in ``messages.toml``, those of one code together, and the words
+of tables and pages that warn in ``flags.toml``; what to use instead of a name that is gone stands in
+``retired.toml``.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from string import Formatter
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -29,7 +33,6 @@ class Remedy:
         effect: what it does to K and C.
         remedy: what to do.
         example: one case with its remedy.
-        says: words of tables and pages by which it is recognised; see `codes_in`.
     """
 
     code: Code
@@ -39,7 +42,6 @@ class Remedy:
     effect: str
     remedy: str
     example: str
-    says: tuple[str, ...] = ()
 
     @property
     def advice(self) -> str:
@@ -57,6 +59,29 @@ class Remedy:
         )
 
 
+class Flag(NamedTuple):
+    """Words of tables and pages that warn, with values in braces.
+
+    Attributes:
+        code: of their entry.
+        says: the words.
+        expected: of a detector of spoilt recordings: what was, instead.
+        found: by it, with braces for its number.
+        note: whether nothing is wrong, but should be known.
+    """
+
+    code: Code
+    says: str
+    expected: str = ""
+    found: str = ""
+    note: bool = False
+
+    @property
+    def pattern(self) -> str:
+        """A regular expression that finds the words, whatever the values are."""
+        return ".*".join(re.escape(literal) for literal, *_ in Formatter().parse(self.says))
+
+
 class Message(NamedTuple):
     """What a problem is keyed in: what was expected and what to do, with its numbers in braces."""
 
@@ -68,11 +93,21 @@ class Message(NamedTuple):
 @cache
 def messages() -> MappingProxyType[str, Message]:
     """Every message by its key: a code, or a code, a point and which of its messages."""
-    by_code = declared(__name__, "messages.toml")
-    keyed: dict[str, Message] = {}
-    for code, content in by_code.items():
-        several = {code: content} if "expected" in content else {f"{code}.{k}": m for k, m in content.items()}
-        keyed |= {key: Message(code, **sentences) for key, sentences in several.items()}
+    return _by_key("messages.toml", Message)
+
+
+@cache
+def flags() -> MappingProxyType[str, Flag]:
+    """All words that warn by their key: a code, or a code and a point."""
+    return _by_key("flags.toml", Flag)
+
+
+def _by_key[Kind](file: str, kind: Callable[..., Kind]) -> MappingProxyType[str, Kind]:
+    keyed: dict[str, Kind] = {}
+    for code, content in declared(__name__, file).items():
+        is_one = not all(isinstance(value, dict) for value in content.values())
+        several = {code: content} if is_one else {f"{code}.{point}": one for point, one in content.items()}
+        keyed |= {key: kind(code, **one) for key, one in several.items()}
     return MappingProxyType(keyed)
 
 
@@ -90,14 +125,14 @@ def entries() -> MappingProxyType[Code, Remedy]:
     remedies: dict[Code, Remedy] = {}
     for group in content["group"]:
         for code, entry in group["entry"].items():
-            says = tuple(entry.pop("says", ()))
-            remedies[code] = Remedy(code, group["title"], says=says, **entry)
+            remedies[code] = Remedy(code, group["title"], **entry)
     return MappingProxyType(remedies)
 
 
 def codes_in(text: str) -> list[Code]:
-    """The codes of the warnings that a text holds, such as a cell of ``flags``, in the order of the file.
+    """The codes of the warnings that a text holds, such as a cell of ``flags``, in the order of the entries.
 
-    Tables of a finished run hold the words alone. They are recognised by what their entries say.
+    Tables of a finished run hold the words alone.
     """
-    return [code for code, entry in entries().items() if any(words in text for words in entry.says)]
+    codes = {flag.code for flag in flags().values() if re.search(flag.pattern, text)}
+    return [code for code in entries() if code in codes]

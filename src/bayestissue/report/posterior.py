@@ -288,7 +288,7 @@ def prior_remark(sensitivity: pd.DataFrame) -> str:
     if sensitive.empty:
         return f"No posterior is sensitive to its prior; looked at: {len(sensitivity)}."
     named = [f"{row['variable']} ({row['diagnosis']})" for row in sensitive.to_dict("records")]
-    return Coded(f"Worth a look, of {len(sensitivity)} posteriors: {listed(named)}.", "prior-sensitive")
+    return Coded.stated("prior-sensitive", count=len(sensitivity), named=listed(named))
 
 
 def exponent_figure(run: PosteriorRun, quantity: str) -> Figure:

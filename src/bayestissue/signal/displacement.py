@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayestissue.dataset.model import Dataset
-from bayestissue.errors import Coded
+from bayestissue.errors import Coded, by_impact
 from bayestissue.signal.contact import Onset, displacement_contact, find_onset, motion_of
 from bayestissue.signal.filters import ahead_s
 from bayestissue.signal.integration import Rule, clear_velocity, cumulative, derivatives
@@ -30,19 +30,15 @@ from bayestissue.signal.traces import (
 )
 
 FEWEST_SAMPLES = 8
-TOO_FEW = Coded(f"fewer than {FEWEST_SAMPLES} samples in the window", "too-few-samples")
-NO_CONTACT = Coded("no contact was found: the signal drifts from its beginning on", "drift")
-UNEVEN = Coded("times are uneven: each sample is taken at its own", "uneven-times")
-LONGER = Coded("few samples below the sensor's limit: the window goes on to the rebound", "clipped")
-SLOWLY = Coded("few samples until zero velocity: the window goes on to the rebound", "few-samples")
-NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
-ON_SAMPLE = Coded("contact is taken to be at a sample", "contact-on-sample")
-NOT_ON_SAMPLE = Coded(
-    "contact is declared to be at a sample: the recordings contradict it", "contact-between"
-)
-BELOW_ZERO = Coded(
-    "stays below zero, where contact is: the sensor has another zero (write signal.offset)", "starts-deep"
-)
+TOO_FEW = Coded.stated("too-few-samples", fewest=FEWEST_SAMPLES)
+NO_CONTACT = Coded.stated("drift.contact")
+UNEVEN = Coded.stated("uneven-times")
+LONGER = Coded.stated("clipped.few")
+SLOWLY = Coded.stated("few-samples")
+NO_OFFSET = Coded.stated("no-quiet-part")
+ON_SAMPLE = Coded.stated("contact-on-sample")
+NOT_ON_SAMPLE = Coded.stated("contact-between")
+BELOW_ZERO = Coded.stated("starts-deep.below")
 # Samples before contact that are kept, at the most.
 BEFORE = 60
 
@@ -323,10 +319,9 @@ def _integrated(
     # The last sample clear of great noise is one that the noise has lifted.
     pushed = inside & (still_pushed(part, onset.noise_sd) | onset.blurred[:, None])
     stop = zero_velocity(slowing, v, x, pushed)
-    contact_words = "contact as chosen is more than 1 ms from where the trace shows it"
     flags = {
-        Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
-        Coded(contact_words, "contact-doubtful"): onset.doubtful,
+        Coded.stated("no-zero-velocity.end"): ~stop.reached,
+        Coded.stated("contact-doubtful"): onset.doubtful,
         NO_CONTACT: ~onset.quiet & (onset.first >= CONTACT.quiet_samples),
     }
     signal = _windowed(
@@ -379,10 +374,9 @@ def _recorded(recordings: ImpactTraces, options: SignalOptions) -> Displacements
     velocity = np.where(np.isfinite(part.velocity), part.velocity, v[:, 0])
     x = part.value - at_contact[:, None]
     stop = slowest(replace(part, value=x, velocity=velocity), clear)
-    slowest_words = "velocity does not reach zero: the window ends where it is least"
     greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
     below = (greatest <= 0) & (options.contact != "time-zero")
-    flags = {BELOW_ZERO: below, Coded(slowest_words, "no-zero-velocity"): ~stop.reached & ~below}
+    flags = {BELOW_ZERO: below, Coded.stated("no-zero-velocity.least"): ~stop.reached & ~below}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
     zero, none, rows = np.zeros_like(sd), np.zeros(len(sd), int), np.zeros((len(sd), BEFORE))
     free = (since_contact, sd, zero)
@@ -436,14 +430,10 @@ def _windowed(
         time_to_peak=start.since_contact + stop.time,
         peak_displacement=stop.x,
         noise_sd=motion.noise_sd,
-        flags=_raised({**flags, NO_CONTACT: drifts, TOO_FEW: few & ~drifts}, len(n)),
-        notes=_raised({**notes, LONGER: longer, SLOWLY: slowly & ~few}, len(n)),
+        flags=by_impact({**flags, NO_CONTACT: drifts, TOO_FEW: few & ~drifts}, len(n)),
+        notes=by_impact({**notes, LONGER: longer, SLOWLY: slowly & ~few}, len(n)),
         **columns,
     )
-
-
-def _raised(words: dict[Coded, Mask], count: int) -> list[list[Coded]]:
-    return [[text for text, up in words.items() if up[row]] for row in range(count)]
 
 
 def _blocks(count: int, longest: int) -> list[slice]:

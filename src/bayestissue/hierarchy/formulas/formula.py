@@ -182,7 +182,7 @@ def left_out_words(terms: Sequence[Mapping[str, Any]]) -> str:
         f"{term['term']}{'' if len(term['of']) > 1 else ' of log ' + term['of'][0]}, since {term['reason']}"
         for term in terms
     ]
-    return Coded(f"Left out of the formula: {'; '.join(sentences)}.", "left-out-of-formula")
+    return Coded.stated("left-out-of-formula", terms="; ".join(sentences))
 
 
 def _read(formula: str) -> tuple[Terms, list[Fault]]:

@@ -28,7 +28,7 @@ from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 
 # Share of a trace's peak below which a discrepancy leaves an element's outcomes as they are.
 SLIGHT = 0.01
-NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
+NO_LAW = Coded.stated("not-simulated.law")
 DROP_HEIGHT = "drop_height_cm"
 # Of an impact, beside the tissue that it meets.
 MET = ("mass_kg", "velocity_m_s", "diameter_m")
@@ -261,12 +261,8 @@ def beyond(words: str, value: float, measured: ArrayLike) -> list[Coded]:
     over = max(low - stated, stated - high)
     if not over > 0:
         return []
-    return [
-        Coded(
-            f"{words} beyond those measured, {general(low)} to {general(high)}, by {general(over, 2)}",
-            "beyond-measured",
-        )
-    ]
+    numbers = {"low": general(low), "high": general(high), "over": general(over, 2)}
+    return [Coded.stated("beyond-measured.number", what=words, **numbers)]
 
 
 def reached_depths(draws: xr.Dataset) -> Float[np.ndarray, " impact"] | None:

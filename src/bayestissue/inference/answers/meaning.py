@@ -124,7 +124,7 @@ def average_notes(recorded: Recorded, responses: Iterable[str], columns: Iterabl
     over = dict.fromkeys(name for q in responses for name in recorded.response(q).averaged(columns))
     if not over:
         return []
-    return [Coded(f"averaged over {' and '.join(over)}, each level with equal weight", "averaged")]
+    return [Coded.stated("averaged", columns=" and ".join(over))]
 
 
 def unit_of(node: Node, posterior: xr.Dataset) -> str:

@@ -62,7 +62,7 @@ from bayestissue.results import whole_file, write_tree
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = COLUMNS | OUTCOME_COLUMNS
-NO_VELOCITY = Coded("no peaks: no velocity_m_s, and the run has none", "not-simulated")
+NO_VELOCITY = Coded.stated("not-simulated.velocity")
 _QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
 _LEVELS, _SCATTER = 1, 2
 
@@ -288,8 +288,7 @@ def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
         small = {level.casefold(): level for level in levels}
         near = difflib.get_close_matches(str(value).casefold(), list(small), n=1, cutoff=SETTINGS.likeness)
         suggestion = f"; did you mean {small[near[0]]}?" if near else ""
-        words = f'{name} "{value}" was not measured: a new one of the population{suggestion}'
-        notes.append(Coded(words, "new-level"))
+        notes.append(Coded.stated("new-level", name=name, level=value, suggestion=suggestion))
     return notes
 
 

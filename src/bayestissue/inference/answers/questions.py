@@ -243,7 +243,7 @@ def _choice(finished: Finished, node: Choice) -> list[dict[str, Any]]:
 
     posterior = values_in(finished.posterior)
     prior, note = _before(finished, node, values_in)
-    left_out = Coded(f"no peaks: no law of {node.column} {', '.join(unlawful)}", "not-simulated")
+    left_out = Coded.stated("not-simulated.levels", column=node.column, levels=", ".join(unlawful))
     best, rank, loss = ranked(posterior, lowest=node.lowest)
     best_before = None if prior is None else ranked(prior, lowest=node.lowest)[0]
     rows = []
@@ -321,16 +321,16 @@ def _before(
     finished: Finished, node: Node, draws_in: Callable[[xr.Dataset], xr.DataArray]
 ) -> tuple[xr.DataArray | None, str]:
     if finished.prior is None:
-        return None, Coded("no prior: this run has no draws of it", "no-prior")
+        return None, Coded.stated("no-prior.run")
     try:
         return draws_in(finished.prior), ""
     except KeyError:
         known = {str(name) for name in finished.prior.data_vars}
         lacking = [q.name for q in quantities(node) if q.name not in (*known, *finished.recorded.formulas)]
         which = ", ".join(dict.fromkeys(lacking)) or "it"
-        return None, Coded(f"no prior: this run has no prior draws of {which}", "no-prior")
+        return None, Coded.stated("no-prior.draws", which=which)
     except QuestionError as slip:
-        return None, Coded(f"no prior: {slip.actual} of the prior", "no-prior")
+        return None, Coded.stated("no-prior.slip", slip=slip.actual)
 
 
 def _never(node: Node, posterior: xr.DataArray) -> str:
@@ -346,8 +346,7 @@ def _beyond_fastest(finished: Finished, node: Critical, posterior: xr.DataArray)
     measured = fall_height(fastest) if node.column == DROP_HEIGHT else fastest
     share = float((posterior > measured).mean())
     limit = f"{general(float(measured))} {ALONG[node.column]}"
-    words = f"in {100 * share:.3g} % of the draws beyond those measured, up to {limit}"
-    return Coded(words, "beyond-measured") if share else ""
+    return Coded.stated("beyond-measured.draws", percent=100 * share, limit=limit) if share else ""
 
 
 def _largely_prior(posterior: xr.DataArray, prior: xr.DataArray | None) -> str:
@@ -373,15 +372,13 @@ def _probability(claim: xr.DataArray) -> tuple[float, float, float]:
 def _bayes_factor(p: float, size: float, p_0: float, size_0: float) -> tuple[float, str]:
     """Posterior over prior odds, or nothing and why."""
     if min(p_0, 1 - p_0) * size_0 < FEWEST:
-        words = f"no Bayes factor: the prior has it {'true' if p_0 > 0.5 else 'false'} in nearly every draw"
-        return np.nan, Coded(words, "too-few-draws")
+        return np.nan, Coded.stated("too-few-draws.prior", value="true" if p_0 > 0.5 else "false")
     odds_0 = p_0 / (1 - p_0)
     few = FEWEST / size
     if min(p, 1 - p) < few:
         bound = (1 - few) / few
         words = f"above {_short(bound / odds_0)}" if p > 0.5 else f"below {_short(1 / bound / odds_0)}"
-        words = f"Bayes factor {words}: too few posterior draws say otherwise for a number"
-        return np.nan, Coded(words, "too-few-draws")
+        return np.nan, Coded.stated("too-few-draws.posterior", bound=words)
     return p / (1 - p) / odds_0, ""
 
 

@@ -45,21 +45,14 @@ class Pooled(NamedTuple):
         ends = " and ".join(
             f"{general(self.medians[level], 3)} {self.unit} at {level}" for level in (low, high)
         )
-        return Coded(
-            f"{self.parameter} differs between levels of {self.factor} ({ends}), "
-            "and its formula takes them as alike: predictions of depth, force and time there are those of a "
-            f'mixture. Write {self.parameter} = "{self.term}" in [formula] of the model file.',
-            "pooled-parameter",
-        )
+        names = {"parameter": self.parameter, "factor": self.factor}
+        return Coded.stated("pooled-parameter.fit", ends=ends, term=self.term, **names)
 
     @property
     def note(self) -> Coded:
         """Of a prediction, in few words."""
-        return Coded(
-            f"a mixture: {self.parameter} differs between levels of {self.factor}, "
-            "and its formula takes them as alike",
-            "pooled-parameter",
-        )
+        names = {"parameter": self.parameter, "factor": self.factor}
+        return Coded.stated("pooled-parameter.prediction", **names)
 
     def record(self) -> dict[str, Any]:
         """As it stands in ``diagnostics.json``."""

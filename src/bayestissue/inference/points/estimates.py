@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.impacts import of_phantoms
-from bayestissue.errors import Coded
+from bayestissue.errors import Coded, by_impact, codes_of
 from bayestissue.inference.points.fit import Column, fit_points
 from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,
@@ -27,8 +27,7 @@ from bayestissue.inference.points.notes import (
 from bayestissue.oscillator import peak_displacement
 from bayestissue.signal import Displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
-from bayestissue.signal.quality import Finding, raised
-from bayestissue.signal.quality.inspection import KINDS
+from bayestissue.signal.quality import Findings, raised
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -52,7 +51,7 @@ _OSCILLATOR = {
 Masks = Mapping[Coded, np.ndarray]
 
 
-def thesis_table(dataset: Dataset, signal: Displacements, findings: Sequence[Finding] = ()) -> pd.DataFrame:
+def thesis_table(dataset: Dataset, signal: Displacements, findings: Findings) -> pd.DataFrame:
     """The table of `bayestissue.estimate` by the method "dds", of displacements that are at hand.
 
     Impacts of fewer than eight samples, with uneven times or with clipped samples have a row without numbers:
@@ -153,9 +152,7 @@ def always_noted(dataset: Dataset) -> dict[Coded, np.ndarray]:
     return {UNUSED: np.full(count, bool(dataset.channels)), PHANTOM: of_phantoms(dataset.impacts)}
 
 
-def flags_of(
-    dataset: Dataset, signal: Displacements, findings: Sequence[Finding], wrong: Masks
-) -> list[list[Coded]]:
+def flags_of(dataset: Dataset, signal: Displacements, findings: Findings, wrong: Masks) -> list[list[Coded]]:
     """What is wrong with each impact.
 
     Args:
@@ -165,23 +162,20 @@ def flags_of(
         wrong: what the method says, and where.
     """
     wrong = {TOO_DEEP: _too_deep(dataset, signal), **wrong}
-    parts = zip(raised(findings, len(signal.dt)), signal.flags, _by_row(wrong), strict=True)
+    count = len(signal.dt)
+    parts = zip(raised(findings, count), signal.flags, by_impact(wrong, count), strict=True)
     return [[*spoilt, *made, *fitted] for spoilt, made, fitted in parts]
 
 
-def notes_of(signal: Displacements, findings: Sequence[Finding], noted: Masks) -> list[list[Coded]]:
+def notes_of(signal: Displacements, findings: Findings, noted: Masks) -> list[list[Coded]]:
     """What is only the method's or the recording's way, of each impact; arguments as of `flags_of`."""
-    spoilt, earlier = (raised(findings, len(signal.dt), notes=notes) for notes in (False, True))
+    count = len(signal.dt)
+    spoilt, earlier = (raised(findings, count, notes=notes) for notes in (False, True))
     # No quiet part is found where hum or drift stand in it: that is named instead.
     return [
-        [*(n for n in a if not {KINDS["hum"].flag, KINDS["drift"].flag} & set(named)), *b, *c]
-        for a, b, c, named in zip(signal.notes, earlier, _by_row(noted), spoilt, strict=True)
+        [*(n for n in a if not {"hum", "drift"} & set(codes_of(named))), *b, *c]
+        for a, b, c, named in zip(signal.notes, earlier, by_impact(noted, count), spoilt, strict=True)
     ]
-
-
-def _by_row(words: Masks) -> list[list[Coded]]:
-    rows = zip(*(column.astype(bool).tolist() for column in words.values()), strict=True)
-    return [[text for text, up in zip(words, row, strict=True) if up] for row in rows]
 
 
 def _too_deep(dataset: Dataset, signal: Displacements) -> np.ndarray:

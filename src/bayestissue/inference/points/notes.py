@@ -9,46 +9,33 @@ from typing import TYPE_CHECKING, Any
 from bayestissue.dataset.settings import ChannelSettings
 from bayestissue.errors import Coded
 from bayestissue.outline import counted, first_of
-from bayestissue.remedies import entries
-from bayestissue.signal.displacement import LONGER, NO_OFFSET, NOT_ON_SAMPLE, ON_SAMPLE, SLOWLY, UNEVEN
-from bayestissue.signal.quality.inspection import KINDS
+from bayestissue.remedies import codes_in, entries
 
 if TYPE_CHECKING:
     import pandas as pd
 
-THETA1 = Coded("theta1 at its limit", "integrated-noise")
-ARCCOS = Coded("theta1 asks for another value of arccos", "theta1-branch")
-NOT_FILTERED = Coded("the declared low-pass is not in this method", "low-pass-not-applied")
-NOISELESS = Coded("no noise beyond rounding: no standard errors", "noiseless")
-ANOTHER_PEAK = Coded("K and C imply another peak displacement than recorded", "peak-disagrees")
-PHANTOM = Coded("a spring or phantom of known stiffness", "known-stiffness")
-UNUSED = Coded("the further channel is not used here", "channel-unused")
-TOO_DEEP = Coded("deeper than the tissue is thick", "too-deep")
+THETA1 = Coded.stated("integrated-noise")
+ARCCOS = Coded.stated("theta1-branch")
+NOT_FILTERED = Coded.stated("low-pass-not-applied")
+NOISELESS = Coded.stated("noiseless")
+ANOTHER_PEAK = Coded.stated("peak-disagrees")
+PHANTOM = Coded.stated("known-stiffness")
+UNUSED = Coded.stated("channel-unused")
+TOO_DEEP = Coded.stated("too-deep")
 # Flags of posteriors: their intervals then promise nothing.
-STRUCTURED = Coded(
-    "residuals are not the white noise of a spring and damper's impact: its interval may miss",
-    "structured-residuals",
-)
-UNCORRECTED = Coded("importance weights are not to be trusted: its interval may miss", "pareto-k")
+STRUCTURED = Coded.stated("structured-residuals")
+UNCORRECTED = Coded.stated("pareto-k.impact")
 # Flags, and of displacements notes, that the fit came to no answer, whether or not the recording is sound.
-NO_OSCILLATOR = Coded("no oscillator has these coefficients", "no-answer")
-NOT_POSITIVE = Coded("K or C is not positive", "no-answer")
-AT_A_LIMIT = Coded("zeta at a limit", "no-answer")
-K_UNTOLD = Coded("the recording does not tell K: no estimate", "no-answer")
-C_UNTOLD = Coded("the recording does not tell C: no estimate", "no-answer")
-K_MOSTLY_UNTOLD = Coded("most recordings of its trial do not tell K: its interval may miss", "mostly-untold")
-C_MOSTLY_UNTOLD = Coded("most recordings of its trial do not tell C: its interval may miss", "mostly-untold")
+NO_OSCILLATOR = Coded.stated("no-answer.oscillator")
+NOT_POSITIVE = Coded.stated("no-answer.positive")
+AT_A_LIMIT = Coded.stated("no-answer.limit")
+K_UNTOLD = Coded.stated("no-answer.untold", quantity="K")
+C_UNTOLD = Coded.stated("no-answer.untold", quantity="C")
+K_MOSTLY_UNTOLD = Coded.stated("mostly-untold", quantity="K")
+C_MOSTLY_UNTOLD = Coded.stated("mostly-untold", quantity="C")
 
-ANOTHER_VELOCITY = KINDS["velocity-contradicted"].flag
+ANOTHER_VELOCITY = Coded.stated("velocity-contradicted")
 _NAMED = 5
-# What `said_once` may meet in the column ``notes``.
-_NOTES = (
-    *(THETA1, ARCCOS, NOT_FILTERED, NOISELESS, ANOTHER_PEAK, UNUSED, PHANTOM, UNCORRECTED),
-    *(NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, K_UNTOLD, C_UNTOLD, K_MOSTLY_UNTOLD, C_MOSTLY_UNTOLD),
-    *(NO_OFFSET, ON_SAMPLE, NOT_ON_SAMPLE, UNEVEN, LONGER, SLOWLY),
-    KINDS["contact-earlier"].flag,
-    KINDS["at-limit"].flag,
-)
 
 
 def flagged_recordings(
@@ -132,9 +119,8 @@ def said_once(notes: Iterable[str]) -> list[str]:
     """
     rows = [[note for note in text.split("; ") if note] for text in notes]
     counts = Counter(note for row in rows for note in row)
-    code = {str(note): note.code for note in _NOTES}
     meanings: dict[str, list[str]] = {}
     for note, count in counts.most_common():
-        meaning = entries()[code[note]].advice if note in code else ""
+        meaning = " ".join(entries()[code].advice for code in codes_in(note)[:1])
         meanings.setdefault(meaning, []).append(f"{note} in {count} of {counted(len(rows), 'impact')}")
     return [f"{', '.join(said)}. {meaning}".strip() for meaning, said in meanings.items()]

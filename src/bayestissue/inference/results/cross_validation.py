@@ -24,7 +24,7 @@ from bayestissue.results.tables import joined
 
 def above_limit(score: Any) -> Coded:
     """What is wrong with a Pareto k̂ beyond its threshold."""
-    return Coded(f"Pareto k above {k_threshold(score.n_samples):.2g}", "pareto-k")
+    return Coded.stated("pareto-k.score", limit=k_threshold(score.n_samples))
 
 
 def leave_one_out(tree: xr.DataTree, variable: str, reff: float | None = None) -> Any:

@@ -75,11 +75,7 @@ _OF_IMPACTS = {
     "{name}_of_impacts": "these impacts together (geometric mean)",
     "{name}_of_subject": "a person's own impacts (geometric mean)",
 }
-ONE_IMPACT = Coded(
-    "One impact tells nothing of how impacts differ. Its own K and C come from its trace; what is said of "
-    "its person or of a new impact comes from the priors.",
-    "one-impact",
-)
+ONE_IMPACT = Coded.stated("one-impact")
 
 
 def element_alone(variables: Container[Hashable]) -> bool:
@@ -95,11 +91,7 @@ def symbols(variables: Container[Hashable]) -> dict[str, str]:
 def few_valued_words(columns: Mapping[str, Sequence[str]]) -> list[str]:
     """Of each column of few whole numbers that it is a straight line, and how it would be categories."""
     return [
-        Coded(
-            f"{name} has the values {', '.join(values[:-1])} and {values[-1]} only: in a formula it is a "
-            f"straight line of log K on {name}; C({name}) makes it categories.",
-            "few-values",
-        )
+        Coded.stated("few-values", name=name, values=", ".join(values[:-1]), last=values[-1])
         for name, values in columns.items()
     ]
 

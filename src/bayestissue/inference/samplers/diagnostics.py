@@ -21,15 +21,13 @@ _DECLARED = declared(__package__, "checks.toml")
 # What is said of single recordings, by the keys of a fit's diagnostics.
 OF_RECORDINGS = ("another_element", "recordings", "clipped", "channels", "reference", "added_mass")
 # Notes of a summary's rows.
-NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
-CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
-FORCE_CONTRADICTS = Coded("the force contradicts mass times deceleration", "channels-disagree")
-FORCE_OTHER_LAW = Coded("the force follows another law than the deceleration", "force-form")
-PEAK_MISSED = Coded("the recorded peak is outside the interval of peak_deceleration", "peak-missed")
-UNSETTLED = Coded("chains do not agree on it yet: do not use this row", "r-hat")
-ELEMENT_ALONE = Coded(
-    "the element's own part of the force; the tissue's stiffness is K_secant", "element-alone"
-)
+NO_INTERVAL = Coded.stated("undescribed")
+CONTRADICTED = Coded.stated("measuring-chain")
+FORCE_CONTRADICTS = Coded.stated("channels-disagree.size")
+FORCE_OTHER_LAW = Coded.stated("force-form")
+PEAK_MISSED = Coded.stated("peak-missed")
+UNSETTLED = Coded.stated("r-hat")
+ELEMENT_ALONE = Coded.stated("element-alone")
 # Variables of K, of which those of element and discrepancy together are none.
 _OF_K = re.compile(r"K(_(?!secant|common_depth).*)?|.*_K")
 

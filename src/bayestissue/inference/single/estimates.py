@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -48,7 +48,7 @@ from bayestissue.oscillator import spring_damper_inverse, to_discrete
 from bayestissue.resources import shared
 from bayestissue.signal import Displacements, SignalOptions, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
-from bayestissue.signal.quality import Finding, inspect
+from bayestissue.signal.quality import Findings, inspect
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,7 +104,7 @@ def estimate(
 
 
 def by_impact(
-    dataset: Dataset, signal: Displacements, findings: Sequence[Finding], *, say: Say | None = None
+    dataset: Dataset, signal: Displacements, findings: Findings, *, say: Say | None = None
 ) -> tuple[pd.DataFrame, SinglePosteriors | None]:
     """The table of `estimate` by the method "impact", and the posteriors where there are samples enough.
 

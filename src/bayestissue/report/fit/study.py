@@ -343,11 +343,7 @@ def another_day(run: FitRun) -> str:
         word in grouping.lower() for grouping in groupings(run) for word in SESSIONS
     ):
         return ""
-    return Coded(
-        "Repeats of one session say nothing of another day: no group of the formula is a session, so that "
-        "what differs between days is in none of these numbers.",
-        "one-session",
-    )
+    return Coded.stated("one-session")
 
 
 def _spread(row: dict[Any, Any], middle: str = "median") -> Spread:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.model import Dataset
-from bayestissue.declarations import declared
-from bayestissue.errors import Coded
-from bayestissue.remedies import entries
+from bayestissue.errors import Coded, by_impact
+from bayestissue.remedies import flags
 from bayestissue.signal.contact import motion_of
 from bayestissue.signal.displacement import displacements
 from bayestissue.signal.quality import beginning, law, samples, velocity
@@ -20,55 +17,11 @@ from bayestissue.signal.quality.samples import Recorded
 from bayestissue.signal.settings import PULSE, SignalOptions
 from bayestissue.signal.traces import Column, Index, Mask
 
-
-class Kind(NamedTuple):
-    """One kind of finding.
-
-    Attributes:
-        flag: what it is called.
-        expected: instead of it.
-        words: what was found, with braces for its number.
-        note: whether it is only noted, not flagged.
-    """
-
-    flag: Coded
-    expected: str
-    words: str
-    note: bool = False
-
-    @property
-    def advice(self) -> str:
-        """What it does to K and C, and what to do."""
-        return entries()[self.flag.code].advice
-
-    def where(self, raised: Mask, values: np.ndarray) -> Finding:
-        """The finding in those impacts in which it is raised, with the number of each."""
-        pairs = zip(raised, values.tolist(), strict=True)
-        return Finding(self, [self.words.format(value) if up else "" for up, value in pairs])
+# By the key of `bayestissue.remedies.flags`: of each impact what was found in words, empty where nothing was.
+Findings = Mapping[str, list[str]]
 
 
-@dataclass(frozen=True)
-class Finding:
-    """What one detector found.
-
-    Attributes:
-        kind: what it is.
-        said: per impact what was found in words; empty where nothing was.
-    """
-
-    kind: Kind
-    said: list[str]
-
-
-def _kind(code: str, flag: str, **attributes: Any) -> Kind:
-    return Kind(Coded(flag, code), **attributes)
-
-
-_DECLARED = declared(__package__, "kinds.toml")
-KINDS = {name: _kind(**{"code": name, **entry}) for name, entry in _DECLARED.items()}
-
-
-def inspect(dataset: Dataset, options: SignalOptions | None = None) -> list[Finding]:
+def inspect(dataset: Dataset, options: SignalOptions | None = None) -> Findings:
     """Look at every recording of a dataset.
 
     Each detector is a test with a false alarm rate of 0.001 (0.003 where laws are fitted) a sound recording,
@@ -86,25 +39,25 @@ def inspect(dataset: Dataset, options: SignalOptions | None = None) -> list[Find
     Where a low-pass is declared, noise that it may have slowed and laws that it changes are not asked.
 
     Returns:
-        One finding for each kind that some impact has.
+        What some impact has.
     """
     options = options or SignalOptions()
     longest = max((len(trace.value) for trace in dataset.traces), default=1)
-    size, joined = max(1, min(PULSE.most, PULSE.block // longest)), dict[Kind, list[str]]()
+    size, joined = max(1, min(PULSE.most, PULSE.block // longest)), dict[str, list[str]]()
     implied: list[velocity.Implied] = []
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
         part = dataset.part(rows)
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
-            for finding in _inspected(part, options, implied):
-                joined.setdefault(finding.kind, []).extend(finding.said)
+            for key, said in _inspected(part, options, implied):
+                joined.setdefault(key, []).extend(said)
     if implied:
-        joined[KINDS["velocity-contradicted"]] = said = _velocities(dataset, implied)
+        joined["velocity-contradicted"] = said = _velocities(dataset, implied)
         # Gravity is along the motion of all impacts or of none: what one trace asks of it is its velocity's.
-        for kind in {KINDS["gravity-declared"], KINDS["gravity-undeclared"]} & joined.keys():
-            joined[kind] = ["" if words else remark for words, remark in zip(said, joined[kind], strict=True)]
-    return [Finding(kind, values) for kind, values in joined.items() if any(values)]
+        for key in {"gravity.declared", "gravity.undeclared"} & joined.keys():
+            joined[key] = ["" if words else remark for words, remark in zip(said, joined[key], strict=True)]
+    return {key: said for key, said in joined.items() if any(said)}
 
 
 def _velocities(dataset: Dataset, implied: Sequence[velocity.Implied]) -> list[str]:
@@ -130,17 +83,25 @@ def _levels(impacts: pd.DataFrame) -> list[np.ndarray]:
     return [codes for codes in numbers if 0 < codes.max(initial=0) < len(codes) - 1]
 
 
-def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> list[list[Coded]]:
+def raised(findings: Findings, count: int, *, notes: bool = False) -> list[list[Coded]]:
     """The flags of each of ``count`` impacts, or its notes."""
-    of_kind = [finding for finding in findings if finding.kind.note == notes]
-    return [[finding.kind.flag for finding in of_kind if finding.said[row]] for row in range(count)]
+    of_kind = {key: said for key, said in findings.items() if flags()[key].note == notes}
+    return by_impact({Coded.stated(key): said for key, said in of_kind.items()}, count)
 
 
-def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Implied]) -> Iterator[Finding]:
+def _found(key: str, raised: Mask, values: np.ndarray) -> tuple[str, list[str]]:
+    """Of each impact in which it is raised what was found, with its number."""
+    pairs = zip(raised, values.tolist(), strict=True)
+    return key, [flags()[key].found.format(value) if up else "" for up, value in pairs]
+
+
+def _inspected(
+    part: Dataset, options: SignalOptions, implied: list[velocity.Implied]
+) -> Iterator[tuple[str, list[str]]]:
     recordings = motion_of(part.traces, part.quantity)
     recorded = Recorded.from_recordings(recordings)
     limited = recordings.at_limit.sum(axis=1)
-    yield KINDS["at-limit"].where(limited > 0, limited)
+    yield _found("clipped.limit", limited > 0, limited)
     known = options.contact == "time-zero"
     start = np.where(known, 0, samples.starts_off_zero(recorded))
     findings = [*_single_samples(recorded, limited)]
@@ -148,7 +109,7 @@ def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Imp
         # A displacement that passes 0 on its way shows its contact.
         early = np.arange(recorded.value.shape[1]) <= recorded.top[:, None]
         deep = (start > PULSE.above) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
-        yield from (*findings, KINDS["starts-deep"].where(deep, start))
+        yield from (*findings, _found("starts-deep.first", deep, start))
         return
     signal = displacements(part, options.model_copy(update={"window": "rebound"}))
     findings += _at_rest(recorded, signal.time_to_peak, part.gravity)
@@ -158,46 +119,43 @@ def _inspected(part: Dataset, options: SignalOptions, implied: list[velocity.Imp
         candidate = (start > 0) & (limited == 0)
         above, longest = beginning.beginning(recorded, signal, candidate, part.uncertainty)
     findings += [
-        KINDS["starts-above-zero"].where(above, start),
-        KINDS["starts-below-zero"].where(start < -PULSE.above, start),
+        _found("starts-above-zero", above, start),
+        _found("starts-below-zero", start < -PULSE.above, start),
     ]
-    yield KINDS["contact-earlier"].where(longest > 0, 1e3 * longest)
-    yield from (
-        finding for finding in findings if part.recorder is None or finding.kind is not KINDS["slow-low-pass"]
-    )
+    yield _found("contact-earlier", longest > 0, 1e3 * longest)
+    yield from (found for found in findings if part.recorder is None or found[0] != "slow-low-pass")
     # What a declared low-pass makes of a law is none.
     if part.recorder is not None:
         return
     # A law is asked of whole recordings.
     used = (np.arange(signal.x.shape[1]) < signal.n_samples[:, None]) & (limited == 0)[:, None]
     other_gravity = law.another_gravity(signal, used, recorded)
-    yield KINDS["gravity-declared" if part.gravity else "gravity-undeclared"].where(
-        other_gravity, law.gravity_tried(signal)
-    )
-    named = np.array([[bool(words) for words in finding.said] for finding in findings]).any(axis=0)
+    key = "gravity.declared" if part.gravity else "gravity.undeclared"
+    yield _found(key, other_gravity, law.gravity_tried(signal))
+    named = np.array([[bool(words) for words in said] for _, said in findings]).any(axis=0)
     of_part = velocity.implied(signal, recorded, part.uncertainty)
     # What has another name is no velocity.
     usable = of_part.usable & ~named
     implied.append(of_part._replace(usable=usable, explained=of_part.explained & usable & ~other_gravity))
     unnamed = used & ~(named | other_gravity)[:, None]
     none = law.no_law(signal, unnamed, recorded)
-    yield KINDS["no-law"].where(none, none)
+    yield _found("no-law", none, none)
 
 
-def _single_samples(recorded: Recorded, limited: Index) -> Iterator[Finding]:
+def _single_samples(recorded: Recorded, limited: Index) -> Iterator[tuple[str, list[str]]]:
     # A plateau repeats its value, and ends at once.
     sound = limited == 0
     spike, repeated, levels = samples.spikes(recorded), samples.standing(recorded), samples.levels(recorded)
-    yield KINDS["spike"].where((spike >= 0) & sound, spike + 1)
-    yield KINDS["repeated-samples"].where((repeated > 0) & sound, repeated)
-    yield KINDS["coarse-steps"].where(np.isfinite(levels), levels)
+    yield _found("spike", (spike >= 0) & sound, spike + 1)
+    yield _found("repeated-samples", (repeated > 0) & sound, repeated)
+    yield _found("coarse-steps", np.isfinite(levels), levels)
 
 
-def _at_rest(recorded: Recorded, to_peak: Column, along: float) -> Iterator[Finding]:
+def _at_rest(recorded: Recorded, to_peak: Column, along: float) -> Iterator[tuple[str, list[str]]]:
     uneven = samples.uneven(recorded, to_peak)
     frequency, moved = samples.hum(recorded, uneven), samples.moved_zero(recorded, along)
     slow = samples.slow_noise(recorded, to_peak)
-    yield KINDS["hum"].where(np.isfinite(frequency), frequency)
-    yield KINDS["drift"].where(uneven & np.isnan(frequency), moved)
-    yield KINDS["zero-moved"].where((moved != 0) & ~uneven, moved)
-    yield KINDS["slow-low-pass"].where(np.isfinite(slow) & ~uneven, slow)
+    yield _found("hum", np.isfinite(frequency), frequency)
+    yield _found("drift.rest", uneven & np.isnan(frequency), moved)
+    yield _found("zero-moved", (moved != 0) & ~uneven, moved)
+    yield _found("slow-low-pass", np.isfinite(slow) & ~uneven, slow)
