@@ -43,7 +43,7 @@ def general(value: float, digits: int = 4) -> str:
 
 
 def declared(package: str, file: str) -> dict[str, Any]:
-    """The content of a TOML file of a package, such as ``declared(__package__, "flags.toml")``."""
+    """The content of a TOML file of a package, such as ``declared(__package__, "remedies.toml")``."""
     return tomllib.loads(files(package).joinpath(file).read_text(encoding="utf-8"))
 
 

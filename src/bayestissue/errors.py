@@ -40,7 +40,7 @@ class Problem:
 
     @classmethod
     def stated(cls, key: str, file: str, *where: Any, **words: Any) -> Self:
-        """The problem that the message ``key`` of ``messages.toml`` tells.
+        """The problem that the message ``key`` of ``remedies.toml`` tells.
 
         Args:
             key: a code, or a code, a point and which of its messages.
@@ -202,7 +202,7 @@ class Coded(str):
 
     @classmethod
     def stated(cls, key: str, **values: object) -> Self:
-        """The words ``key`` of ``flags.toml``, with ``values`` in their braces."""
+        """The words ``key`` of ``remedies.toml``, with ``values`` in their braces."""
         flag = flags()[key]
         return cls(filled(flag.says, **values), flag.code)
 

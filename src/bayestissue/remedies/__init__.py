@@ -1,8 +1,7 @@
 """What every warning and error means, what it does to K and C, and what to do: ``remedies.toml``.
 
-The sentences that a problem is keyed in stand in ``messages.toml``, those of one code together, and the words
-of tables and pages that warn in ``flags.toml``; what to use instead of a name that is gone stands in
-``retired.toml``.
+An entry holds the words that warn of it in tables and pages, and the sentences that a problem is keyed in, too.
+What to use instead of a name that is gone stands in ``retired.toml``.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from string import Formatter
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from bayestissue.declarations import declared
 
@@ -93,22 +92,30 @@ class Message(NamedTuple):
 @cache
 def messages() -> MappingProxyType[str, Message]:
     """Every message by its key: a code, or a code, a point and which of its messages."""
-    return _by_key("messages.toml", Message)
+    return _by_key("message", Message)
 
 
 @cache
 def flags() -> MappingProxyType[str, Flag]:
     """All words that warn by their key: a code, or a code and a point."""
-    return _by_key("flags.toml", Flag)
+    return _by_key("flag", Flag)
 
 
-def _by_key[Kind](file: str, kind: Callable[..., Kind]) -> MappingProxyType[str, Kind]:
+def _by_key[Kind](part: str, kind: Callable[..., Kind]) -> MappingProxyType[str, Kind]:
     keyed: dict[str, Kind] = {}
-    for code, content in declared(__name__, file).items():
+    for code, (_, entry) in _declared().items():
+        content = entry.get(part, {})
         is_one = not all(isinstance(value, dict) for value in content.values())
         several = {code: content} if is_one else {f"{code}.{point}": one for point, one in content.items()}
         keyed |= {key: kind(code, **one) for key, one in several.items()}
     return MappingProxyType(keyed)
+
+
+@cache
+def _declared() -> dict[Code, tuple[str, dict[str, Any]]]:
+    """By the code the title of its group, and its entry."""
+    groups = declared(__name__, "remedies.toml")["group"]
+    return {code: (group["title"], entry) for group in groups for code, entry in group["entry"].items()}
 
 
 @cache
@@ -121,12 +128,13 @@ def retired() -> MappingProxyType[str, MappingProxyType[str, str]]:
 @cache
 def entries() -> MappingProxyType[Code, Remedy]:
     """Every entry by its code, in the order of the file: groups as one meets them."""
-    content = declared(__name__, "remedies.toml")
-    remedies: dict[Code, Remedy] = {}
-    for group in content["group"]:
-        for code, entry in group["entry"].items():
-            remedies[code] = Remedy(code, group["title"], **entry)
-    return MappingProxyType(remedies)
+    parts = ("flag", "message")
+    return MappingProxyType(
+        {
+            code: Remedy(code, group, **{key: text for key, text in entry.items() if key not in parts})
+            for code, (group, entry) in _declared().items()
+        }
+    )
 
 
 def codes_in(text: str) -> list[Code]:
