@@ -91,7 +91,7 @@ def test_every_key_of_a_message_is_known() -> None:
         for call in ast.walk(tree):
             if isinstance(call, ast.Call) and getattr(call.func, "attr", "") == "stated":
                 owner = getattr(getattr(call.func, "value", None), "id", "")
-                key = call.args[0]
+                key = call.args[0] if call.args else None
                 known = {"Problem": messages(), "InputError": messages(), "Coded": flags()}.get(owner)
                 if known is not None and isinstance(key, ast.Constant):
                     assert key.value in known, (path.name, call.lineno, key.value)

@@ -15,9 +15,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue import cli
+from bayestissue import cli, comparing
 from bayestissue.errors import InputError
-from bayestissue.report import comparison as comparison_page
 from bayestissue.report.run_folder import read_about
 from bayestissue.results import claim, write_tree
 from make_scored_run import make_scored_run
@@ -67,7 +66,7 @@ def test_a_page_that_fails_leaves_the_results_and_can_be_drawn_again(
         raise ValueError("ParseFatalException:\n$x_{1$\n ^")
 
     with monkeypatch.context() as patched:
-        patched.setattr(comparison_page, "page_of", fails)
+        patched.setattr(comparing, "page_of", fails)
         status, said = bayestissue("compare", *runs, "--out", out)
     assert status == 4
     assert said == (

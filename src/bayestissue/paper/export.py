@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.paper import WIDTH_MM
 from bayestissue.paper.checklists import checklists, checklists_markdown
 from bayestissue.paper.documents import write_markdown, write_word
@@ -23,8 +20,6 @@ def write_paper(
     run: FitRun,
     folder: Path,
     *,
-    table: Callable[[str], pd.DataFrame],
-    finished: Finished,
     certified: Mapping[str, Any] | None = None,
     width_mm: float = WIDTH_MM,
 ) -> None:
@@ -33,16 +28,14 @@ def write_paper(
     Args:
         run: a finished fit, whatever its diagnostics say: the text says it too.
         folder: that exists.
-        table: a table of the fit by its name; a KeyError where there is none.
-        finished: the same fit as questions need it.
         certified: the ``verdict`` of the fit's certificate, if it has one.
         width_mm: of a figure in print.
     """
-    text = text_of(run, finished)
+    text = text_of(run, run.finished)
     write_markdown(text, folder / "methods.md")
     write_word(text, folder / "methods.docx")
     lists = ["# Checklists of journals", "", *checklists_markdown(checklists(run, text, certified))]
     (folder / "checklists.md").write_text("\n".join(lists), encoding="utf-8")
-    write_workbook(folder / "tables.xlsx", table, finished, run.record["model"])
+    write_workbook(folder / "tables.xlsx", run.table, run.finished, run.about["model"])
     (folder / "figures").mkdir()
     write_figures(published(run), folder / "figures", nouns=run.nouns, width_mm=width_mm)
