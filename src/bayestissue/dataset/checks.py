@@ -2,6 +2,10 @@
 
 Samples and clocks first; then whether a recording can be that of an impact on tissue, by its sign, size,
 length and greatest value, as `bayestissue.dataset.motion` has them; and recordings that stand twice.
+
+A further check is a function of `Recordings`, in a module of its own where it compares recordings as
+`bayestissue.dataset.twins` does, a line among the stages below, and its words in ``messages.toml`` and
+``remedies.toml``.
 """
 
 from __future__ import annotations

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -280,34 +279,24 @@ class _Matched:
     whole: Bool[np.ndarray, " impact"]
 
 
-@dataclass(frozen=True, eq=False)
 class _Beside:
-    """A force and the decelerations beside it, without their zero, whose windows are those of the signal."""
+    """A force and the decelerations beside it, without their zero, whose windows are those of the signal.
 
-    force: PaddedTraces
-    slowing: PaddedTraces
-    signal: Displacements
-    tip_mass_kg: float
+    Attributes:
+        curve: the force that is expected.
+        since_contact: when each sample of the force was [s].
+        usable: which of its samples tell it.
+        inside: which of them are compared.
+    """
 
-    @cached_property
-    def curve(self) -> _Expected:
-        """The force that is expected."""
-        return _Expected(self.slowing, self.signal, self.tip_mass_kg)
-
-    @cached_property
-    def since_contact(self) -> Times:
-        """When each sample of the force was [s]."""
-        return (self.force.start - self.signal.contact_time_s)[:, None] + self.force.time_s
-
-    @cached_property
-    def usable(self) -> Bool[np.ndarray, "impact sample"]:
-        """Which samples of the force tell it."""
-        return self.force.inside & ~self.force.at_limit
-
-    @property
-    def inside(self) -> Bool[np.ndarray, "impact sample"]:
-        """Which samples of the force are compared."""
-        return self.usable & self.curve.covers(self.since_contact)
+    def __init__(
+        self, force: PaddedTraces, slowing: PaddedTraces, signal: Displacements, tip_mass_kg: float
+    ) -> None:
+        self.force, self.slowing, self.signal, self.tip_mass_kg = force, slowing, signal, tip_mass_kg
+        self.curve = _Expected(slowing, signal, tip_mass_kg)
+        self.since_contact = (force.start - signal.contact_time_s)[:, None] + force.time_s
+        self.usable = force.inside & ~force.at_limit
+        self.inside = self.usable & self.curve.covers(self.since_contact)
 
     def matched(self, since_contact: Times) -> _Matched:
         """What least squares make of samples at these times, by Newton's iteration from no lag."""
