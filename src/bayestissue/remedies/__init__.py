@@ -1,7 +1,7 @@
 """What every warning and error means, what it does to K and C, and what to do: ``remedies.toml``.
 
-An entry holds the words that warn of it in tables and pages, and the sentences that a problem is keyed in. What
-to use instead of a name that is gone stands in ``retired.toml``.
+An entry holds the words that warn of it in tables and pages, and the sentences that a problem is keyed in.
+What to use instead of a name that is gone stands in ``retired.toml``.
 """
 
 from __future__ import annotations
