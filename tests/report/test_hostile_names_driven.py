@@ -24,6 +24,7 @@ from bayestissue.report.certificate_page import TABLES, certificate_html
 from bayestissue.report.plan_page import page_of
 from bayestissue.report.recordings_pages import init_page
 from bayestissue.results.tables import declared_files
+from bayestissue.signal import displacements
 from dataset_bench import SETTINGS, tables
 from make_fit_run import make_fit_run
 from make_published_run import make_published_run
@@ -112,7 +113,9 @@ def checked(folder: Path) -> Path:
 def started(folder: Path) -> Path:
     understood, notes = [(HOSTILE, HOSTILE)], [HOSTILE]
     data = read_dataset(dataset(folder))
-    return saved(folder, init_page(data, understood=understood, left_out=[], notes=notes))
+    return saved(
+        folder, init_page(data, displacements(data), understood=understood, left_out=[], notes=notes)
+    )
 
 
 def estimates(folder: Path) -> Path:

@@ -13,6 +13,7 @@ from bayestissue.checking import check
 from bayestissue.dataset import read_dataset, write_dataset
 from bayestissue.report import write_report
 from bayestissue.report.recordings_pages import init_page
+from bayestissue.signal import displacements
 from dataset_bench import SETTINGS, tables
 from make_published_run import make_published_run
 from make_scored_run import make_scored_run
@@ -54,7 +55,8 @@ def recordings(folder: Path) -> Path:
 
 def started(folder: Path) -> Path:
     page = folder / "init.html"
-    page.write_text(init_page(read_dataset(dataset(folder)), understood=[], left_out=[], notes=[]))
+    data = read_dataset(dataset(folder))
+    page.write_text(init_page(data, displacements(data), understood=[], left_out=[], notes=[]))
     return page
 
 

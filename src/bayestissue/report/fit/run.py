@@ -144,11 +144,13 @@ class FitRun(PosteriorRun):
         if self.dataset is None and (folder := self.folder) is not None:
             require_files(folder, [f"{name}.csv" for name in TABLES])
             readers: list[Callable[[], Any]] = [partial(self.table, name) for name in TABLES]
-            readers += [lambda: self.truth, lambda: self.questions, lambda: self.groups]
+            readers += [lambda: self.truth, lambda: self.questions, lambda: self.groups, self._require_checks]
             all_of(lambda read: read(), readers)
-            if "checks" not in self.diagnostics:
-                raise InputError(wrong_in(folder / "diagnostics.json", 'the key "checks"', _AGAIN))
         return self
+
+    def _require_checks(self) -> None:
+        if self.folder and "checks" not in self.diagnostics:
+            raise InputError(wrong_in(self.folder / "diagnostics.json", 'the key "checks"', _AGAIN))
 
     @cached_property
     def groups(self) -> dict[str, xr.Dataset]:  # type: ignore[override]
