@@ -94,7 +94,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
 
     monkeypatch.setattr(watching, "Study", lambda _: NoStudy())
     monkeypatch.setattr(watching, "impact_of", judged)
-    monkeypatch.setattr(watching, "inspect", lambda _: [])
+    monkeypatch.setattr(watching, "inspect", lambda _: {})
     monkeypatch.setattr(watching, "dataset_of", checked_row)
     monkeypatch.setattr(watching, "several", lambda data: 1 + (data.impacts["impact"].item() in made.spoilt))
     return made
