@@ -18,6 +18,7 @@ import bayestissue
 from bayestissue import cli
 from bayestissue.commands.texts import explain
 from bayestissue.errors import Coded, InputError, Problem, more
+from bayestissue.hierarchy.combinations import COMBINATIONS
 from bayestissue.inference.samplers.diagnostics import warned_codes, warnings
 from bayestissue.remedies import codes_in, entries, flags, messages
 
@@ -79,6 +80,7 @@ def test_every_place_that_makes_a_warning_or_an_error_carries_a_known_code() -> 
 def test_every_message_has_a_code_and_is_told() -> None:
     """What is written in parts, such as ``f"velocity-off.{kind}"``, counts by its code."""
     used = {text for tree in trees().values() for text in _texts_of(tree)}
+    used |= {one.message for one in COMBINATIONS}
     for key, told in messages().items():
         assert told.code in entries()
         assert key in used or f"{told.code}." in used, key
@@ -202,3 +204,8 @@ def test_the_manual_s_page_is_written_from_the_entries() -> None:
     told = tool["page"]()
     assert tool["PAGE"].read_text(encoding="utf-8") == told, "run python tools/warnings_page.py"
     assert all(f"(explain-{code})=\n" in told for code in entries())
+
+
+def test_what_does_not_go_together_is_said_once() -> None:
+    assert all(bool(one.message) != bool(one.words) for one in COMBINATIONS)
+    assert {one.message for one in COMBINATIONS if one.message} <= set(messages())

@@ -67,13 +67,14 @@ def test_it_is_written_and_read_again(tmp_path) -> None:
 
 
 def test_models_that_have_no_place_for_it_say_so() -> None:
+    from bayestissue.hierarchy.combinations import unsuited
     from bayestissue.hierarchy.specification import read_specification
-    from bayestissue.hierarchy.trace_data import unsuited
+    from bayestissue.hierarchy.trace_data import facts_of
     from bayestissue.resources import shared
 
     specification = read_specification(shared("models", "arma.toml"))
     clipped = read([np.minimum(force(row), 70.0) for row in range(2)])
-    (problem,) = unsuited(clipped, specification, "model.toml")
+    (problem,) = unsuited(facts_of(clipped, **specification.facts), "likelihood", "model.toml")
     assert problem.code == "clipped"
     assert "2 of these" in str(problem)
     with pytest.raises(InputError, match="i0 the first"):

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from bayestissue.errors import codes_of
-from bayestissue.hierarchy.untried import untried, untried_words
+from bayestissue.hierarchy.columns import untried, untried_words
 from designs import design_of, impacts
 
 

@@ -110,8 +110,8 @@ def _certified(run: Path, seed: int, call: Call) -> bool:
 
 def what_is_untold(dataset: Dataset, prepared: Prepared) -> list[str]:
     """What these data can't tell, to be said before the work begins."""
+    from bayestissue.hierarchy.columns import untried, untried_words
     from bayestissue.hierarchy.formulas.formula import left_out_words
-    from bayestissue.hierarchy.untried import untried, untried_words
     from bayestissue.inference.results.meanings import ONE_IMPACT, few_valued_words
 
     # Who is who decides how much the people tell.

@@ -136,7 +136,8 @@ class SharedMasses(NamedTuple):
         """Of what `whose_errors` has; None where errors are each impact's own, or one of all, or 0."""
         if whose not in ("subject", "mass") or not relative_mass_sd:
             return None
-        return cls(np.asarray(subject) if whose == "subject" else _codes(mass_kg), parameters)
+        labels = subject if whose == "subject" else mass_kg
+        return cls(np.unique(labels, return_inverse=True)[1].reshape(-1), parameters)
 
 
 def whose_errors(stated: MassError, mass_kg: Float[np.ndarray, " impact"]) -> MassError:
@@ -193,10 +194,6 @@ def effects_of(
     responses |= {part.parameter: part for part in design.responses.values()}
     columns, parts = zip(*(_columns(design, part, known, rows) for part in responses.values()), strict=True)
     return EffectParts(tuple(itertools.chain(*parts))), list(columns)
-
-
-def _codes(values: Float[np.ndarray, " impact"]) -> Int[np.ndarray, " impact"]:
-    return np.unique(values, return_inverse=True)[1].reshape(-1)
 
 
 def _distinct_rows(

@@ -17,6 +17,7 @@ from pydantic import (
 
 from bayestissue.elements.registry import element, element_names
 from bayestissue.hierarchy import SIDE_BY_SIDE
+from bayestissue.hierarchy.combinations import refused
 from bayestissue.hierarchy.formulas.formula import terms_of
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm
 from bayestissue.hierarchy.priors import SD_OF_TERM, ElementPrior, Normal, Priors
@@ -155,25 +156,14 @@ class ModelSpecification(Table):
             return {"discrepancy": "none", **content}
         return content
 
-    @field_validator("discrepancy")
+    @field_validator("discrepancy", "questions")
     @classmethod
-    def _possible(cls, choice: str, info: ValidationInfo) -> str:
-        if choice != "none" and info.data.get("likelihood") != "impact":
-            raise ValueError('"none", or the key left out: only likelihood = "impact" can have a discrepancy')
-        signal = info.data.get("signal")
-        if choice == "always" and signal is not None and signal.window not in REACH_PEAK:
-            raise ValueError(
-                '"none" or "automatic" beside this signal.window: with a discrepancy the stiffness is that '
-                'at the greatest penetration, and only the windows "peak" and "rebound" hold it'
-            )
-        return choice
-
-    @field_validator("questions")
-    @classmethod
-    def _of_traces(cls, questions: dict[str, str], info: ValidationInfo) -> dict[str, str]:
-        if questions and info.data.get("likelihood") == "published-estimates":
-            raise ValueError("no questions beside this likelihood: they are asked of fits of traces")
-        return questions
+    def _combined(cls, value: Any, info: ValidationInfo) -> Any:
+        key = str(info.field_name)
+        stated = cls.model_construct(**info.data, **{key: value})
+        for one in refused(stated.facts, key):
+            raise ValueError(one.words)
+        return value
 
     @field_validator("element")
     @classmethod
@@ -204,9 +194,18 @@ class ModelSpecification(Table):
                 f"priors.element of {', '.join(extra) or 'nothing'}, all that {self.element} has besides K "
                 f"and C, without {', '.join(strange)}"
             )
-        if self.likelihood != "impact" and self.element != SIDE_BY_SIDE:
-            raise ValueError('likelihood = "impact" beside element: the others are of spring and damper')
+        for one in refused(self.facts, ""):
+            raise ValueError(one.words)
         return self
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What `bayestissue.hierarchy.combinations` are of."""
+        return dict(self) | {
+            "reaches_peak": self.reaches_peak,
+            "side_by_side": self.element == SIDE_BY_SIDE,
+            "asks": bool(self.questions),
+        }
 
     def group_terms(self) -> tuple[GroupTerm, ...]:
         """`Formulas.group_terms` of the model's own formulas and of those that compete with them."""

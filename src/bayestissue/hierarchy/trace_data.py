@@ -18,6 +18,7 @@ from bayestissue.elements import element
 from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem, along_with
 from bayestissue.hierarchy import SIDE_BY_SIDE
+from bayestissue.hierarchy.combinations import refused, unsuited
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES, parameter_of
 from bayestissue.hierarchy.force import (
@@ -37,7 +38,6 @@ from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.noise import discrepancy_modes
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
 from bayestissue.likelihood.element.recorder import Colour, LowPass
-from bayestissue.remedies import Code
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, BELOW_ZERO, FEWEST_SAMPLES
 from bayestissue.signal.filters import delay, white_share
@@ -87,7 +87,7 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
             identify, or a trace has too few samples in its window;
             ``source`` is the model file's name.
     """
-    problems = unsuited(dataset, specification, source)
+    problems = unsuited(facts_of(dataset, **specification.facts), "likelihood", source)
     if problems:
         raise InputError(problems)
     # Of a formula with such a column the design is refused; beside it stands where the values are missing.
@@ -121,9 +121,8 @@ def _force(dataset: Dataset, specification: ModelSpecification, signal: Displace
 
 def no_force(specification: ModelSpecification) -> str:
     """Why a fit by a model can't be of a force too, whatever was recorded; empty where it can."""
-    if specification.likelihood != "impact":
-        return f"the likelihood {specification.likelihood} has no place for it"
-    return "the model has a discrepancy" if specification.discrepancy == "always" else ""
+    facts = specification.facts | {"force": True}
+    return "".join(one.words.format_map(facts) for one in refused(facts, "force"))
 
 
 def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Problem]:
@@ -221,64 +220,18 @@ def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepar
     """The same fit with a discrepancy beside the element."""
     wider = specification.model_copy(update={"discrepancy": "always"})
     without = assemble(dataset, wider, prepared.design, prepared.signal)
-    why = "the model has a discrepancy" if prepared.force else prepared.force_unused
+    why = no_force(wider) if prepared.force else prepared.force_unused
     return replace(without, force_unused=why, reference=prepared.reference)
 
 
-def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -> list[Problem]:
-    """What the model asks for that these recordings can't give; ``source`` is the model file's name."""
-    likelihood = specification.likelihood
-    of_traces, of_decelerations = likelihood in KINDS, likelihood == "impact"
-    checks: list[tuple[bool, tuple[str, Any, Code], str, str]] = [
-        (
-            not of_traces,
-            ("likelihood", likelihood, "unsuited-likelihood"),
-            f"one of {', '.join(KINDS)}",
-            "Choose a model of traces, such as models/arma.toml; published estimates go through "
-            "`bayestissue reproduce`.",
-        ),
-        (
-            of_decelerations and dataset.quantity == "displacement",
-            ("likelihood", likelihood, "unsuited-likelihood"),
-            '"arma" or "a2", since this dataset holds displacements',
-            "Use models/arma.toml: the impact likelihood reads recorded decelerations.",
-        ),
-        (
-            of_traces and not of_decelerations and dataset.recorder is not None,
-            ("likelihood", likelihood, "low-pass-not-applied"),
-            f'"impact", since dataset.toml declares a low-pass ({dataset.recorder}), which an ARMA model '
-            "of the displacement has no place for",
-            "Use models/impact.toml. Without the table [recorder] this model would run, with K and C too "
-            "small: `check` says by how much.",
-        ),
-    ]
-    problems = [
-        Problem(source, expected, remedy, column=column, value=value, code=code)
-        for applies, (column, value, code), expected, remedy in checks
-        if applies
-    ]
-    if of_traces and not problems and not of_decelerations:
-        problems += only_by_impact(dataset, source, "likelihood", likelihood)
-    return problems
-
-
-def only_by_impact(dataset: Dataset, source: str, column: str, value: str) -> list[Problem]:
-    """That a model or method asks for even times and no sample at a limit, where some are not so.
-
-    Args:
-        dataset: the recordings.
-        source: the file or command that asks for it.
-        column: the setting that does.
-        value: what it is set to.
-    """
+def facts_of(dataset: Dataset, **stated: Any) -> dict[str, Any]:
+    """What `bayestissue.hierarchy.combinations` are of: what is ``stated``, and the dataset."""
     names, traces = dataset.impacts["impact"], dataset.traces
-    return [
-        Problem.stated(
-            key, source, None, column, value, count=int(rows.sum()), first=names.iloc[int(np.argmax(rows))]
-        )
-        for key, rows in (("uneven-times.model", traces.uneven), ("clipped.model", traces.limited))
-        if rows.any()
-    ]
+    facts = stated | {"traces": True, "quantity": dataset.quantity}
+    for name, rows in (("uneven", traces.uneven), ("clipped", traces.limited)):
+        of_these = f"{rows.sum()} of these, {names.iloc[int(np.argmax(rows))]} the first"
+        facts |= {name: bool(rows.any()), f"of_{name}": of_these}
+    return facts | {"recorder": dataset.recorder, "filtered": dataset.recorder is not None}
 
 
 def _empty_cells(dataset: Dataset, formulas: Formulas) -> list[Problem]:

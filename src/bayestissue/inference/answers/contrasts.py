@@ -50,10 +50,10 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.dataset.impacts import SESSIONS
+from bayestissue.hierarchy.columns import not_used
 from bayestissue.hierarchy.formulas.formula import interactions
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
-from bayestissue.hierarchy.untried import not_used
 from bayestissue.inference.answers.law import MOTION, Law, moving, simulated_words
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import element_alone

@@ -14,9 +14,10 @@ from bayestissue.dataset.impacts import of_phantoms
 from bayestissue.elements.head_injury import LONGEST
 from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, NEVER
 from bayestissue.errors import Coded, InputError
+from bayestissue.hierarchy.combinations import unsuited
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas, read_specification
-from bayestissue.hierarchy.trace_data import Prepared, assemble, only_by_impact, unsuited
+from bayestissue.hierarchy.trace_data import Prepared, assemble, facts_of
 from bayestissue.inference.checking.recorded_peak import missed_peaks
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.points.estimates import (
@@ -98,7 +99,7 @@ def estimate(
     findings = inspect(dataset, options)
     if method == "impact":
         return by_impact(dataset, displacements(dataset, options), findings, say=say)[0]
-    if problems := only_by_impact(dataset, "estimate --method dds", "method", "dds"):
+    if problems := unsuited(facts_of(dataset, method=method), "method", "estimate --method dds"):
         raise InputError(problems)
     return thesis_table(dataset, displacements(dataset, options, "trapezoidal"), findings)
 
@@ -120,12 +121,11 @@ def by_impact(
         InputError: displacements have uneven times, or a low-pass is declared of them.
     """
     displaced = dataset.quantity == "displacement"
-    alone: dict[str, object] = {"formula": Formulas(K="1", C="1"), "discrepancy": "none"}
     # Whoever shares an impact's error of mass, an impact alone has it.
-    alone |= {"mass_error": "impact"}
+    alone = {"formula": Formulas(K="1", C="1"), "discrepancy": "none", "mass_error": "impact"}
     file = shared("models", "arma.toml" if displaced else "impact.toml")
     specification = read_specification(file).model_copy(update=alone)
-    if problems := unsuited(dataset, specification, "estimate"):
+    if problems := unsuited(facts_of(dataset, **specification.facts), "likelihood", "estimate"):
         raise InputError(problems)
     rows = signal.n_below_limit >= FEWEST_SAMPLES
     noted = always_noted(dataset)

@@ -7,8 +7,8 @@ from typing import Any
 
 from bayestissue.errors import codes_of
 from bayestissue.figures.impacts import factors
+from bayestissue.hierarchy.columns import untried_words
 from bayestissue.hierarchy.formulas.formula import left_out_words
-from bayestissue.hierarchy.untried import untried_words
 from bayestissue.inference.results.meanings import ONE_IMPACT
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.report import answers_page, posterior, tables
