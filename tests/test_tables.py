@@ -10,6 +10,7 @@ from bayestissue.errors import InputError
 from bayestissue.finished import Fit, read_run
 from bayestissue.report import write_report
 from bayestissue.report.fit.run import TABLES
+from bayestissue.report.tables import declared_fields
 from bayestissue.results.tables import (
     declared_files,
     read_table,
@@ -55,6 +56,14 @@ def test_every_column_has_a_meaning_and_text_is_text():
     for file in declared_files().values():
         assert all(column.meaning for column in file.columns.values())
     assert declared_files()["levels.csv"].columns["level"].kind == "text"
+
+
+def test_what_is_shown_is_made_of_columns_of_the_file():
+    for name, file in ((name, file) for name, file in declared_files().items() if file.looks):
+        used = {column for look in file.looks.values() for column in look.of}
+        assert used <= set(file.columns), name
+        fields = declared_fields(name.removesuffix(".csv"), file.looks, near="10 %")
+        assert [field.optional for field in fields] == [look.optional for look in file.looks.values()]
 
 
 def test_a_page_from_memory_is_the_page_of_the_folder(tmp_path):

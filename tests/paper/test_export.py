@@ -22,7 +22,8 @@ from bayestissue.paper.documents import write_markdown, write_word
 from bayestissue.paper.text import Text, text_of
 from bayestissue.paper.workbook import people_wide, write_sheets
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import Levels, Spread
+from bayestissue.report.posterior import Levels
+from bayestissue.report.wording import Spread
 from command_line import bayestissue
 from make_fit_run import changed, make_fit_run, read_fit_run
 

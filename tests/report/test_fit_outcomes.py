@@ -13,8 +13,8 @@ import pytest
 from bayestissue.report import write_report
 from bayestissue.report.fit import figures, outcomes
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import Spread
 from bayestissue.report.run_folder import read_about
+from bayestissue.report.wording import Spread
 from make_fit_run import make_fit_run, read_fit_run
 from page_reader import Reader
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bayestissue.report import posterior
-from bayestissue.report.posterior import Spread
 from bayestissue.report.run_folder import read_about
+from bayestissue.report.wording import Spread
 from bayestissue.thesis.pages import published_page as page
 from bayestissue.thesis.pages.published_figures import kept_share
 from bayestissue.thesis.pages.published_run import read_published_run

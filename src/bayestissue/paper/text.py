@@ -22,8 +22,8 @@ from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, outcomes, study, words
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
-from bayestissue.report.posterior import QUANTITIES, Spread, exponent, levels, spread
-from bayestissue.report.wording import PREDICTED, listed
+from bayestissue.report.posterior import QUANTITIES, exponent, levels, spread
+from bayestissue.report.wording import PREDICTED, Spread, listed
 from bayestissue.words import PLAIN, Words
 
 _ERRORS = {

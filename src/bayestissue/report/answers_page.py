@@ -14,13 +14,11 @@ from bayestissue.figures.theme import Figure
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.outline import first_of
 from bayestissue.report.page import part, render_page
-from bayestissue.report.tables import Field, Table, number_field, table_of
+from bayestissue.report.tables import Field, Table, shown, table_of
 from bayestissue.report.wording import (
     FIRST_PREDICTED,
     PREDICTED,
     covariate_words,
-    decimals,
-    digits,
     interval,
     names_in,
     nouns_of,
@@ -31,31 +29,6 @@ from bayestissue.report.wording import (
 
 # As many as a first screen holds; the table has all.
 FIRST = 6
-
-
-def _range(row: Mapping[str, Any]) -> str:
-    return interval(row["low"], row["high"]) if pd.notna(row["low"]) else ""
-
-
-def _ranks(row: Mapping[str, Any]) -> str:
-    return " to ".join(dict.fromkeys(f"{row[name]:g}" for name in ("rank_low", "rank_high") if row["level"]))
-
-
-_FIELDS = (
-    Field("name", lambda row: row["name"].replace("_", " ")),
-    Field("question", kind="words"),
-    Field("level", kind="words"),
-    number_field("posterior", words=decimals(3)),
-    number_field("prior", words=decimals(3)),
-    number_field("Bayes factor", "bayes_factor"),
-    number_field("Monte Carlo error", "mcse", digits(2)),
-    Field("rank", _ranks, "number"),
-    number_field("expected loss", "expected_loss", digits(3)),
-    number_field("median", words=digits(4)),
-    Field("90 % interval", _range, "number"),
-    Field("unit", kind="words"),
-    Field("note", kind="words"),
-)
 
 
 def question_lines(answers: pd.DataFrame, most: int = FIRST) -> list[dict[str, str]]:
@@ -96,11 +69,6 @@ def _value(row: Mapping[str, Any]) -> str:
     return f"{significant(row['median'])} {row['unit']}".rstrip()
 
 
-def questions_table(answers: pd.DataFrame) -> Table:
-    """Every question with all that is known of its answer, without columns that are empty in all of them."""
-    return table_of(_rows(answers), *_FIELDS, empty=False)
-
-
 def _rows(answers: pd.DataFrame) -> list[dict[str, Any]]:
     texts = {name: answers[name].astype(object).fillna("") for name in ("unit", "level")}
     return answers.assign(**texts).to_dict("records")  # type: ignore[return-value]
@@ -115,7 +83,7 @@ def answered(lines: Sequence[Mapping[str, str]], answers: pd.DataFrame, saved: s
         answers: the table of those that have one.
         saved: address of that table.
     """
-    known = (questions_table(answers), _draws(answers)) if len(answers) else (None, "")
+    known = (shown("questions", answers), _draws(answers)) if len(answers) else (None, "")
     return part("macros.html").answered(lines, *known, saved)
 
 
@@ -139,7 +107,7 @@ def questions_page(answers: pd.DataFrame, record: Mapping[str, Any]) -> str:
         nouns=nouns_of(record, names_in(answers)),
         record=record,
         questions=question_lines(answers, len(answers)),
-        questions_table=questions_table(answers),
+        questions_table=shown("questions", answers),
         draws=_draws(answers),
     )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from bayestissue.inference.results.meanings import (
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior import best_explanations
-from bayestissue.report.tables import Field, Row, Table, columns, number_field, settings_table, table_of
+from bayestissue.report.tables import Row, Table, columns, settings_table
 from bayestissue.report.wording import (
     decimals,
     interval,
@@ -33,7 +32,6 @@ from bayestissue.report.wording import (
     probability,
     said,
     significant,
-    with_error,
 )
 from bayestissue.results import read_tables
 from bayestissue.results.tables import table_of_rows, typed, wrong_in
@@ -133,27 +131,13 @@ def answers_figure(answers: pd.DataFrame) -> Figure | None:
     return intervals(rows.reset_index(drop=True), "ratio", words, lines=(1,))
 
 
-_INTERVAL = (
-    number_field("median", missing="not known"),
-    Field("90 % interval", lambda row: interval(row["eti90_low"], row["eti90_high"]), "number"),
-)
-
-
 def same_element(runs: list[dict[str, Any]]) -> bool:
     """Whether K and C are the same things in all runs: those of one mechanical element."""
     return len({run["model"].get("element", SIDE_BY_SIDE) for run in runs}) == 1
 
 
-def quantity(row: Mapping[Any, Any]) -> str:
-    """What a row of `posteriors.csv` has the interval of."""
-    return heading_words(row["variable"], row["of"], row["label"])
-
-
-def what_is_left_out(scheme: str) -> str:
-    """One of what a scheme leaves out, such as "subject"."""
-    return scheme.removeprefix("leave one ").removesuffix(" out")
-
-
+# Of `comparison.csv`.
+COMPARED = ("left_out", "run", "data", "elpd_with_se", "off_best", "effective", "stacking", "warning")
 TABLES = ("comparison", "posteriors")
 _APART = (r"(; )?densities of other numbers.*", "")
 _AGAIN = "Compare the runs anew with `bayestissue compare`."
@@ -284,36 +268,6 @@ def reference_masses(runs: list[dict[str, Any]]) -> str:
         return said("comparison.one_mass", mass=next(iter(known.values())))
     masses_words = listed([f"“{name}” at {known.get(name, 'its own mean mass')}" for name in masses])
     return said("comparison.masses", masses=masses_words)
-
-
-def comparison_table(comparison: pd.DataFrame) -> Table:
-    """Every row of `comparison.csv`."""
-
-    def beside_error(value: str, error: str, row: Mapping[str, Any]) -> str:
-        return "" if pd.isna(row[value]) else with_error(row[value], row[error], 1)
-
-    return table_of(
-        comparison,
-        Field("left out", lambda row: what_is_left_out(row["scheme"])),
-        Field("run", "model"),
-        Field("density of", "data"),
-        Field("elpd", partial(beside_error, "elpd", "se"), "number"),
-        Field("off the best", partial(beside_error, "elpd_difference", "se_difference"), "number"),
-        number_field("effective parameters", "p_effective", decimals(1)),
-        number_field("weight", words=decimals(2)),
-        Field("warning", kind="words"),
-    )
-
-
-def posteriors_table(posteriors: pd.DataFrame) -> Table:
-    """Every row of `posteriors.csv`."""
-    return table_of(
-        posteriors,
-        Field("quantity", quantity),
-        Field("run"),
-        *_INTERVAL,
-        Field("unit", lambda row: "" if row["unit"] == "1" else row["unit"]),
-    )
 
 
 def differing_settings(runs: list[dict[str, Any]]) -> Table:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.figures.impacts import INTERVALS, MASS, axis_title, end
+from bayestissue.figures.impacts import MASS, axis_title, end
 from bayestissue.figures.study import points
 from bayestissue.figures.theme import Figure, number
 from bayestissue.inference.points.notes import PHANTOM, people_alone, said_once
@@ -18,21 +18,22 @@ from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, U
 from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.settings import LIMITS
-from bayestissue.report.tables import Field, Table, number_field, settings_table, table_of
+from bayestissue.report.tables import Field, Table, number_field, settings_table, shown, table_of
 from bayestissue.report.wording import SENTENCES, digits, interval, listed, nouns_of, significant
 from bayestissue.report.wording import number as in_words
 from bayestissue.results import read_tables
 from bayestissue.results.tables import declared_files, typed
 
-_RECORDED = {"mass_kg": "M (kg)", "velocity_m_s": "V (m/s)"}
-_HEADINGS = {
-    **_RECORDED,
-    **{"omega_n_rad_s": "ωₙ (rad/s)", "zeta": "ζ"},
-    **{"K_N_per_m": "K (N/m)", "C_N_s_per_m": "C (N s/m)"},
-}
-# Of the method "impact".
-_CAME_TO = {"peak_force_N": "peak force (N)", "peak_depth_m": "peak depth (m)"}
-_OF_POSTERIORS = _RECORDED | {"zeta": "ζ"} | INTERVALS | _CAME_TO
+# What is shown of `estimates.csv`: of points, and of the posteriors of the method "impact".
+_POINTS = (
+    *("impact", "subject", "trial", "mass_kg", "velocity_m_s", "omega_n_rad_s", "zeta"),
+    *("K_N_per_m", "C_N_s_per_m", "flags"),
+)
+_POSTERIORS = (
+    *("impact", "subject", "trial", "mass_kg", "velocity_m_s", "zeta"),
+    *("K_N_per_m", "K_low_N_per_m", "K_high_N_per_m", "C_N_s_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m"),
+    *("peak_force_N", "peak_depth_m", "flags"),
+)
 # Tables that a run may hold beside its estimates, with their heading and what to look for.
 _FURTHER: dict[str, list[str]] = SENTENCES["beside_estimates"]
 _SETTINGS = ("options", "method", "signal", "model")
@@ -111,16 +112,10 @@ def estimates_table(table: pd.DataFrame) -> Table:
     order = (
         table.assign(_clean=table["flags"] == "").sort_values("_clean", kind="stable").index[: LIMITS.rows]
     )
-    named = _OF_POSTERIORS if by_posterior(table) else _HEADINGS
-    return table_of(
+    return shown(
+        "estimates",
         table.loc[order],
-        *map(Field, ("impact", "subject", "trial")),
-        *(
-            number_field(title, column, digits(4), missing="not known")
-            for column, title in named.items()
-            if column in table
-        ),
-        Field("flags", kind="words"),
+        _POSTERIORS if by_posterior(table) else _POINTS,
         mark=lambda row: "disagrees" if row["flags"] else "",
     )
 

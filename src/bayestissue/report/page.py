@@ -17,7 +17,7 @@ from bayestissue.figures.browser import library, packed_json
 from bayestissue.figures.theme import Figure
 from bayestissue.outline import counted, numbers_in_short
 from bayestissue.remedies import Code, entries
-from bayestissue.report.tables import frame_table
+from bayestissue.report import tables
 from bayestissue.report.wording import half_width, listed, number, significant
 from bayestissue.words import PLAIN, Words
 
@@ -83,7 +83,7 @@ def drawn(one: Figure, name: str = "", nouns: Words = PLAIN) -> Markup:
     Without a script the table stands alone.
     """
     packed = packed_json(nouns.chart(one.specification()))
-    numbers = frame_table(one.data[:MOST_NUMBERS])
+    numbers = tables.frame_table(one.data[:MOST_NUMBERS])
     chart: Markup = part("figure.html").chart(
         _chart_id(packed), one.words, packed, name, numbers, len(one.data)
     )
@@ -138,5 +138,6 @@ def _environment() -> jinja2.Environment:
     for draw in (again, drawn):
         environment.filters[draw.__name__] = _in_the_pages_nouns(draw)
     environment.globals["script"] = script
+    environment.globals["tables"] = tables
     environment.globals["remedies"] = entries()
     return environment

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,13 +20,10 @@ from bayestissue.remedies import codes_in
 from bayestissue.report.page import render_page
 from bayestissue.report.run_folder import read_json, require_files
 from bayestissue.report.settings import LIMITS
-from bayestissue.report.tables import Field, Table, number_field, settings_table, table_of
+from bayestissue.report.tables import Field, Table, declared_fields, settings_table, shown, table_of
 from bayestissue.report.wording import (
-    decimals,
-    digits,
     nouns_of_plan,
     said,
-    significant,
     with_error,
 )
 from bayestissue.results import read_table
@@ -189,35 +186,16 @@ def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
         words = _share(row)
         return Markup("<strong>{}</strong>").format(words) if row["answered"] >= wanted else words
 
-    return table_of(
-        designs,
-        Field("design", lambda row: f"{row['design']:.0f}{' ◂' if row['design'] == chosen else ''}"),
-        number_field("people", words=decimals(0)),
-        Field("kg", lambda row: numbers_in_short(row["masses_kg"].split())),
-        Field("m/s", lambda row: numbers_in_short(row["velocities_m_s"].split())),
-        number_field("repeats", words=decimals(0)),
-        Field("recorder"),
-        number_field("impacts", words=decimals(0)),
-        Field("hours", lambda row: significant(row["minutes"] / 60, 2), "number"),
-        *_goal_fields(set(designs["goal"])),
-        Field("assurance", share, "number"),
-        *(number_field(name, words=decimals(2)) for name in ("yes", "no", "undecided", "misleads")),
-        *_WIDTHS,
-        number_field("80 % below", "width_q80", digits(2)),
-        empty=False,
+    return shown(
+        "designs",
+        designs if len(set(designs["goal"])) > 1 else designs.assign(goal=""),
+        fields={
+            "design": Field(
+                "design", lambda row: f"{row['design']:.0f}{' ◂' if row['design'] == chosen else ''}"
+            ),
+            "answered": Field("assurance", share, "number"),
+        },
     )
-
-
-# What a study leaves open: of a claim, and of a number.
-_WIDTHS = (
-    number_field("bits left", "undecided_bits", decimals(2)),
-    number_field("half width", "width", digits(2)),
-)
-
-
-def _goal_fields(goals: Collection[str]) -> list[Field]:
-    """The column of the goal; none where there is one goal alone."""
-    return [Field("goal", lambda row: goal_name(row["goal"]))] * (len(goals) > 1)
 
 
 def gains_table(content: Mapping[str, Any]) -> Table:
@@ -229,19 +207,18 @@ def gains_table(content: Mapping[str, Any]) -> Table:
         if key in _VARIANTS
     ]
     named += [(limit["words"], limit) for limit in content["limits"].values()]
+    several = len(chosen["goals"]) > 1
     rows = [
-        {"with": words, "goal": name, **goal}
+        {"with": words, "goal": name if several else "", **goal}
         for words, variant in named
         for name, goal in variant["goals"].items()
     ]
     return table_of(
         rows,
         Field("with", kind="words"),
-        *_goal_fields(chosen["goals"]),
-        Field("assurance", _share, "number"),
+        *declared_fields("designs", ("goal", "answered")),
         Field("more by", gain, "number"),
-        *_WIDTHS,
-        empty=False,
+        *declared_fields("designs", ("undecided_bits", "width")),
     )
 
 

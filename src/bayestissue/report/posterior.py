@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,15 +17,12 @@ from bayestissue.inference.results.meanings import NAMES, SECANTS, TOGETHER, UNI
 from bayestissue.report.run_folder import PosteriorRun
 from bayestissue.report.settings import LIMITS
 from bayestissue.report.wording import (
-    decimals_of,
-    interval,
+    Spread,
     likelihood_words,
     listed,
-    number,
     probability,
     relative,
     said,
-    significant,
 )
 
 Quantity = Literal["K", "C"]
@@ -39,52 +35,6 @@ SURE = 0.9
 # A difference tells two models apart above both: below four nats it is small, and its standard error is no
 # guide (Sivula, Magnusson, Matamoros and Vehtari 2020).
 DECISIVE_SE, DECISIVE_NATS = 2.0, 4.0
-
-
-@dataclass(frozen=True)
-class Spread:
-    """A median with its 90 % equal-tailed interval, and the draws they come from."""
-
-    median: float
-    low: float
-    high: float
-
-    @property
-    def decimals(self) -> int:
-        """The decimals at which the interval shows two digits of its width."""
-        return decimals_of(self.high - self.low)
-
-    @property
-    def manifold(self) -> bool:
-        """Whether the interval is positive and its ends differ tenfold: each then has digits of its own."""
-        return 0 < 10 * self.low < self.high
-
-    @property
-    def value(self) -> str:
-        """The median in words."""
-        return significant(self.median, 2) if self.manifold else number(self.median, self.decimals)
-
-    @property
-    def range(self) -> str:
-        """The interval in words."""
-        if self.manifold:
-            return f"{significant(self.low, 2)} to {significant(self.high, 2)}"
-        return interval(self.low, self.high, self.decimals)
-
-    @property
-    def words(self) -> str:
-        """The median, and the interval in brackets."""
-        return f"{self.value} ({self.range})"
-
-    @property
-    def factor(self) -> float:
-        """Half the interval's width on the log scale, as a ratio: 0.1 says "to within 10 %"."""
-        return float(np.sqrt(self.high / self.low) - 1)
-
-    def holds(self, value: float) -> bool:
-        """Whether ``value`` lies in the interval as it is printed."""
-        low, high = (round(end, self.decimals) for end in (self.low, self.high))
-        return low <= value <= high
 
 
 def spread(draws: np.ndarray) -> Spread:

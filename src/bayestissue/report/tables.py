@@ -6,14 +6,27 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
 
-from bayestissue.declarations import declared
-from bayestissue.inference.results.meanings import SECANTS
-from bayestissue.report.wording import decimals, decimals_of, interval, number, probability, significant
+from bayestissue.declarations import declared, filled
+from bayestissue.inference.results.meanings import SECANTS, heading_words
+from bayestissue.outline import markdown_rows, numbers_in_short
+from bayestissue.report.wording import (
+    Spread,
+    decimals,
+    decimals_of,
+    digits,
+    interval,
+    number,
+    probability,
+    significant,
+    with_error,
+)
+from bayestissue.results.tables import Look, declared_files
 
 
 @dataclass(frozen=True)
@@ -40,17 +53,23 @@ class Table:
     columns: Sequence[Column]
     rows: Sequence[Row] = field(default_factory=tuple)
 
+    def markdown(self) -> list[str]:
+        """Its lines in Markdown."""
+        return markdown_rows(tuple(column.title for column in self.columns), (row.cells for row in self.rows))
+
 
 @dataclass(frozen=True)
 class Field:
     """A column with what makes its cell of a row of the data; ``kind`` as of `Column`.
 
     That is a function of the row, or the name of what the row has there, which is the title unless given.
+    Where it is ``optional`` it is left out if all its cells are empty.
     """
 
     title: str
     cell: Callable[[Any], str] | str = ""
     kind: str = "text"
+    optional: bool = False
 
     def text(self, row: Any) -> str:
         """The cell of a row."""
@@ -73,18 +92,99 @@ def table_of(
     rows: Iterable[Any] | pd.DataFrame,
     *fields: Field,
     mark: Callable[[Any], str] = lambda row: "",
-    empty: bool = True,
 ) -> Table:
-    """A table with a row for each of ``rows``, and a cell in it for each of ``fields``.
-
-    Unless ``empty`` columns stay, those without a word in any row are left out.
-    """
+    """A table with a row for each of ``rows``, and a cell in it for each of ``fields``."""
     rows = rows.to_dict("records") if isinstance(rows, pd.DataFrame) else list(rows)
-    shown = [field for field in fields if empty or any(field.text(row) for row in rows)]
+    fields = [field for field in fields if not field.optional or any(field.text(row) for row in rows)]
     return Table(
-        [Column(field.title, field.kind) for field in shown],
-        [Row(tuple(field.text(row) for field in shown), mark(row)) for row in rows],
+        [Column(field.title, field.kind) for field in fields],
+        [Row(tuple(field.text(row) for field in fields), mark(row)) for row in rows],
     )
+
+
+def _region(low: float, high: float) -> str:
+    ends = (f"{low:g} to {high:g}", f"above {low:g}", f"below {high:g}", "")
+    return ends[math.isnan(high) + 2 * math.isnan(low)].replace("-", "−")
+
+
+# How a cell of a declared table is written, of the columns that it is made of; see also `_words_of`.
+_TEXTS: dict[str, Callable[..., str]] = {
+    "text": str,
+    "words": str,
+    "name": lambda name: name.replace("_", " "),
+    "quantity": lambda name: SECANTS.get(name, name),
+    "heading": heading_words,
+    "unit": lambda unit: "" if unit == "1" else unit,
+    "scheme": lambda scheme: scheme.removeprefix("leave one ").removesuffix(" out"),
+    "over": "{} over {}".format,
+    "numbers": lambda text: numbers_in_short(text.split()),
+}
+_NUMBERS: dict[str, Callable[..., str]] = {
+    "g": "{:g}".format,
+    "p": probability,
+    "± %": lambda share, se: f"{100 * share:.1f} ± {100 * se:.1f} %",
+    "hours": lambda minutes: significant(minutes / 60, 2),
+    "printed": str,
+    "ends": lambda low, high: " to ".join(dict.fromkeys((f"{low:g}", f"{high:g}"))),
+    "region": _region,
+    "interval": interval,
+    # With the digits that the interval deserves which the last two columns are.
+    "value": lambda value, low, high: number(value, decimals_of(high - low)),
+    "within": lambda low, high, *ends: interval(low, high, decimals_of(ends[1] - ends[0])),
+    "spread": lambda *ends: Spread(*ends).value,
+    "range": lambda *ends: Spread(*ends).range,
+}
+
+
+def _words_of(form: str) -> Callable[..., str]:
+    """What writes a form that is declared: digits as "3", decimals as ".3", or "± .2" with an error."""
+    if form in _TEXTS or form in _NUMBERS:
+        return (_TEXTS | _NUMBERS)[form]
+    if form.startswith("± "):
+        return partial(with_error, decimals=int(form.removeprefix("± .")))
+    return decimals(int(form[1:])) if form.startswith(".") else digits(int(form))
+
+
+def shown(
+    name: str,
+    rows: pd.DataFrame,
+    only: Collection[str] = (),
+    *,
+    fields: Mapping[str, Field] = MappingProxyType({}),
+    mark: Callable[[Any], str] = lambda row: "",
+    **values: str,
+) -> Table:
+    """A table of a result folder as it is declared to be shown, without columns that ``rows`` lack.
+
+    Args:
+        name: of its file, without suffix.
+        rows: of the table.
+        only: the columns that are shown, in this order; all unless given.
+        fields: in the place of some that are declared, by their names.
+        mark: of a row, as of `Row`.
+        **values: what stands in braces in titles.
+    """
+    looks = declared_files()[f"{name}.csv"].looks
+    present = [column for column in only or looks if set(looks[column].of) <= set(rows)]
+    declared = zip(present, declared_fields(name, present, **values), strict=True)
+    return table_of(rows, *(fields.get(column, field) for column, field in declared), mark=mark)
+
+
+def declared_fields(name: str, columns: Iterable[str], **values: str) -> list[Field]:
+    """Columns of the table ``name`` as they are declared to be shown; see `shown`."""
+    looks = declared_files()[f"{name}.csv"].looks
+    return [_field(looks[column], values) for column in columns]
+
+
+def _field(look: Look, values: Mapping[str, str]) -> Field:
+    words = _words_of(look.form)
+
+    def cell(row: Any) -> str:
+        cells = [row[column] for column in look.of]
+        return look.missing if all(map(pd.isna, cells)) else words(*cells)
+
+    kind = "words" if look.form == "words" else "text" if look.form in _TEXTS else "number"
+    return Field(filled(look.title, **values), cell, kind, look.optional)
 
 
 def columns(*titles: str, number: Sequence[str] = (), words: Sequence[str] = ()) -> tuple[Column, ...]:
@@ -182,50 +282,9 @@ def formulas(model: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [(f"log {name}", str(right)) for name, right in dict(model.get("formula", {})).items()]
 
 
-def hypotheses_table(hypotheses: pd.DataFrame) -> Table:
-    """`hypotheses.csv`: the posterior probability that a mass exponent counts as 0, as 1, or as neither."""
-    return table_of(
-        hypotheses,
-        Field("quantity", lambda row: SECANTS.get(row["quantity"], row["quantity"])),
-        Field("hypothesis"),
-        number_field("exponent", "value", "{:g}".format),
-        Field("counts as equal", lambda row: _region(row["rope_low"], row["rope_high"]), "number"),
-        number_field("probability", words=probability, missing="not known"),
-    )
-
-
-def _region(low: float, high: float) -> str:
-    ends = (f"{low:g} to {high:g}", f"above {low:g}", f"below {high:g}", "")
-    return ends[math.isnan(high) + 2 * math.isnan(low)].replace("-", "−")
-
-
 def summary_table(summary: pd.DataFrame, variables: Collection[str]) -> Table:
     """The rows of `summary.csv` for ``variables``, without the impacts' own."""
-
-    def places(row: Any) -> int:
-        return decimals_of(row["eti90_high"] - row["eti90_low"])
-
-    def ends(stem: str, row: Any) -> str:
-        return interval(row[f"{stem}_low"], row[f"{stem}_high"], places(row))
-
-    chosen = summary[summary["variable"].isin(variables)]
-    noted = "note" in chosen and bool(chosen["note"].ne("").any())
-    return table_of(
-        chosen,
-        *map(Field, ("variable", "label", "unit")),
-        Field("median", lambda row: number(row["median"], places(row)), "number"),
-        Field("50 %", partial(ends, "eti50"), "number"),
-        Field("90 %", partial(ends, "eti90"), "number"),
-        number_field("effective draws", "ess_bulk", decimals(0), missing="not known"),
-        number_field("R̂", "r_hat", decimals(3), missing="not known"),
-        *[Field("note", kind="words")] * noted,
-    )
-
-
-def sensitivity_table(sensitivity: pd.DataFrame) -> Table:
-    """`sensitivity.csv`: how much each posterior moves when prior or likelihood is weighted up or down."""
-    weights = (number_field(name, words=decimals(3), missing="not known") for name in ("prior", "likelihood"))
-    return table_of(sensitivity, Field("variable"), *weights, Field("diagnosis"))
+    return shown("summary", summary[summary["variable"].isin(variables)])
 
 
 def diagnostics_table(diagnostics: Mapping[str, Any]) -> Table:

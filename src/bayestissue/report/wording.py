@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -117,6 +118,52 @@ def interval(low: float, high: float, decimals: int | None = None) -> str:
     """``low to high`` with digits that suit the interval's width."""
     decimals = decimals_of(high - low) if decimals is None else decimals
     return f"{number(low, decimals)} to {number(high, decimals)}"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A median with its 90 % equal-tailed interval."""
+
+    median: float
+    low: float
+    high: float
+
+    @property
+    def decimals(self) -> int:
+        """The decimals at which the interval shows two digits of its width."""
+        return decimals_of(self.high - self.low)
+
+    @property
+    def manifold(self) -> bool:
+        """Whether the interval is positive and its ends differ tenfold: each then has digits of its own."""
+        return 0 < 10 * self.low < self.high
+
+    @property
+    def value(self) -> str:
+        """The median in words."""
+        return significant(self.median, 2) if self.manifold else number(self.median, self.decimals)
+
+    @property
+    def range(self) -> str:
+        """The interval in words."""
+        if self.manifold:
+            return f"{significant(self.low, 2)} to {significant(self.high, 2)}"
+        return interval(self.low, self.high, self.decimals)
+
+    @property
+    def words(self) -> str:
+        """The median, and the interval in brackets."""
+        return f"{self.value} ({self.range})"
+
+    @property
+    def factor(self) -> float:
+        """Half the interval's width on the log scale, as a ratio: 0.1 says "to within 10 %"."""
+        return math.sqrt(self.high / self.low) - 1
+
+    def holds(self, value: float) -> bool:
+        """Whether ``value`` lies in the interval as it is printed."""
+        low, high = (round(end, self.decimals) for end in (self.low, self.high))
+        return low <= value <= high
 
 
 def estimated(median: float, low: float, high: float) -> tuple[str, str, str]:

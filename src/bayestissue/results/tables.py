@@ -34,12 +34,31 @@ class Column(NamedTuple):
     may_lack: bool
 
 
+class Look(NamedTuple):
+    """How a column of a shown table looks.
+
+    Attributes:
+        title: its heading.
+        form: how a cell is written: see `bayestissue.report.tables`.
+        of: the columns of the file that a cell is made of.
+        missing: what stands where they are empty.
+        optional: whether the column is left out where all of its cells are empty.
+    """
+
+    title: str
+    form: str
+    of: tuple[str, ...]
+    missing: str
+    optional: bool
+
+
 class File(NamedTuple):
-    """A file of a result folder: the commands that write it, what it (or a row) is, and its columns."""
+    """A file of a result folder: the commands that write it, what it (or a row) is, columns, and looks."""
 
     by: tuple[str, ...]
     holds: str
     columns: dict[str, Column]
+    looks: dict[str, Look]
 
 
 @cache
@@ -62,7 +81,18 @@ def _file(name: str, content: dict[str, Any]) -> File:
         )
         for column in entry.get("columns", "").split()
     }
-    return File(tuple(entry["by"]), entry["holds"], columns)
+    not_known, optional = (entry.get(key, "").split() for key in ("not_known", "optional"))
+    looks = {
+        column: Look(
+            look.get("title", column),
+            look.get("form", "text"),
+            tuple(look.get("of", [column])),
+            "not known" if column in not_known else "",
+            column in optional,
+        )
+        for column, look in entry.get("shown", {}).items()
+    }
+    return File(tuple(entry["by"]), entry["holds"], columns, looks)
 
 
 def columns_of(name: str) -> list[str]:

@@ -17,13 +17,12 @@ from bayestissue.report.posterior import (
     OWN_DEPTH,
     QUANTITIES,
     SURE,
-    Spread,
     exponent,
     hypothesis_probability,
     spread,
 )
 from bayestissue.report.settings import LIMITS, WORTH
-from bayestissue.report.wording import likelihood_words, listed, relative, significant
+from bayestissue.report.wording import Spread, likelihood_words, listed, relative, significant
 
 
 def has_common_depth(run: FitRun) -> bool:

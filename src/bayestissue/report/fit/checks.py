@@ -14,8 +14,8 @@ from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
 from bayestissue.report.posterior import QUANTITIES
 from bayestissue.report.settings import LIMITS, WORTH
-from bayestissue.report.tables import Field, Row, Table, columns, number_field, table_of
-from bayestissue.report.wording import decimals, digits, listed, number, percent, relative
+from bayestissue.report.tables import Field, Row, Table, columns, number_field, shown, table_of
+from bayestissue.report.wording import digits, listed, number, percent, relative
 
 _ERRORS = {
     "mass": ("mass of the impactor", "g", 1e3),
@@ -124,13 +124,9 @@ def left_out_table(run: FitRun) -> Table:
     ordered = [
         part.sort_values("pareto_k", ascending=False, kind="stable")[: LIMITS.rows] for part in schemes
     ]
-    return table_of(
+    return shown(
+        "cross_validation",
         pd.concat(ordered or [run.cross_validation]),
-        Field("scheme"),
-        Field("left out", "label"),
-        number_field("elpd (nats)", "elpd", decimals(1), "not known"),
-        number_field("Pareto k", "pareto_k", decimals(2), "not known"),
-        Field("warning"),
         mark=lambda row: "disagrees" if row["warning"] else "",
     )
 

@@ -13,10 +13,10 @@ import pandas as pd
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import QUANTITIES, Spread
+from bayestissue.report.posterior import QUANTITIES
 from bayestissue.report.settings import LIMITS, WORTH
-from bayestissue.report.tables import Field, Table, number_field, table_of
-from bayestissue.report.wording import digits, interval, percent
+from bayestissue.report.tables import Field, Table, number_field, shown, table_of
+from bayestissue.report.wording import Spread, digits, percent
 
 # What `agreement_table` has the ratio of.
 TITLE = "thesis's method over posterior median"
@@ -145,16 +145,4 @@ def method_values(run: FitRun, quantity: str) -> pd.DataFrame:
 def agreement_table(run: FitRun) -> Table:
     """The ratio of the two with its limits of agreement."""
     ratios = agreement({run.symbols[quantity]: method_values(run, quantity) for quantity in QUANTITIES})
-    return table_of(
-        ratios,
-        Field("quantity"),
-        Field("methods", lambda _: TITLE),
-        number_field("ratio", missing="not known"),
-        Field("95 % limits of agreement", _limits, "number"),
-        Field("impacts", kind="number"),
-        Field("left out", "left_out", "number"),
-    )
-
-
-def _limits(row: Mapping[str, Any]) -> str:
-    return interval(row["low"], row["high"]) if np.isfinite(row["low"]) else "not known"
+    return shown("agreement", ratios.assign(method=TITLE))

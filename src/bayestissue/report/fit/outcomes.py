@@ -20,10 +20,10 @@ from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
 from bayestissue.report.fit.study import FIRST_OUTCOME as FIRST
 from bayestissue.report.fit.study import impact_words, leading_levels
-from bayestissue.report.posterior import QUANTITIES, Spread
+from bayestissue.report.posterior import QUANTITIES
 from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Field, table_of
-from bayestissue.report.wording import PREDICTED, likelihood_words, listed, probability
+from bayestissue.report.wording import PREDICTED, Spread, likelihood_words, listed, probability
 
 
 def factors(run: FitRun) -> list[str]:

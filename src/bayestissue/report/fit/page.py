@@ -11,7 +11,7 @@ from bayestissue.hierarchy.columns import untried_words
 from bayestissue.hierarchy.formulas.formula import left_out_words
 from bayestissue.inference.results.meanings import ONE_IMPACT
 from bayestissue.inference.samplers.diagnostics import warned_codes
-from bayestissue.report import answers_page, posterior, tables
+from bayestissue.report import answers_page, posterior
 from bayestissue.report.fit import (
     answers,
     checks,
@@ -31,7 +31,7 @@ from bayestissue.report.page import render_page
 # What the template calls for the words, tables and figures of a section, by the modules' names.
 _MODULES = (
     *(answers, answers_page, checks, estimates, explorer, figures, outcomes),
-    *(population, posterior, study, tables, traces, usual, words),
+    *(population, posterior, study, traces, usual, words),
 )
 _SECTIONS: dict[str, Any] = {module.__name__.rpartition(".")[2]: module for module in _MODULES}
 

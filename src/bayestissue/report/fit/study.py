@@ -23,10 +23,18 @@ from bayestissue.inference.results.meanings import (
 from bayestissue.report.fit.population import groupings
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
-from bayestissue.report.posterior import QUANTITIES, Spread, spread
+from bayestissue.report.posterior import QUANTITIES, spread
 from bayestissue.report.settings import LIMITS
-from bayestissue.report.tables import Field, Row, Table, columns, number_field, table_of
-from bayestissue.report.wording import likelihood_words, listed, number, percent, probability, significant
+from bayestissue.report.tables import Field, Row, Table, columns, shown, table_of
+from bayestissue.report.wording import (
+    Spread,
+    likelihood_words,
+    listed,
+    number,
+    percent,
+    probability,
+    significant,
+)
 
 # What reaches the body, or what is protected: the outcome of the first screen.
 FIRST_OUTCOME = "peak_force"
@@ -158,16 +166,7 @@ def conditions_words(run: FitRun) -> str:
 def contrasts_table(run: FitRun) -> Table:
     """The first 300 rows of `contrasts.csv` that are of no outcome."""
     rows = run.contrasts.drop(_of_outcomes(run.contrasts).index)
-    return table_of(
-        rows[: LIMITS.rows],
-        *_COMPARED,
-        Field("quantity"),
-        Field("ratio", lambda row: _spread(row, "ratio").value, "number"),
-        Field("90 %", lambda row: _spread(row, "ratio").range, "number"),
-        number_field("direction", "p_direction", probability, "not known"),
-        number_field(f"within {percent(equivalence(run))}", "p_equivalent", probability, "not known"),
-        *_noted(rows),
-    )
+    return shown("contrasts", rows[: LIMITS.rows], near=percent(equivalence(run)))
 
 
 def outcomes_table(run: FitRun) -> Table:
@@ -182,7 +181,7 @@ def outcomes_table(run: FitRun) -> Table:
         wide[: LIMITS.rows],
         *_COMPARED,
         *(Field(outcome_name(q), str(q), "number") for q in dict.fromkeys(rows["quantity"])),
-        *_noted(wide),
+        Field("note", optional=True),
     )
 
 
@@ -204,11 +203,6 @@ def _of_outcomes(contrasts: pd.DataFrame) -> pd.DataFrame:
 
 
 _COMPARED = (Field("of", "factor"), Field("comparison", lambda row: f"{row['level']} over {row['against']}"))
-
-
-def _noted(rows: pd.DataFrame) -> list[Field]:
-    """A column of notes, where there are some."""
-    return [Field("note")] * bool(rows["note"].ne("").any())
 
 
 def repeatability(run: FitRun) -> list[dict[str, Any]]:

@@ -156,9 +156,8 @@ def usual_table(run: FitRun) -> Table:
         Field("here", lambda line: line.words([line.median]), "number"),
         Field("nine in ten", lambda line: line.words(np.quantile(line.estimates, _MOST)), "number"),
         Field("here / published", lambda line: significant(line.ratio, 2), "number"),
-        Field("unusual", lambda line: line.unusual),
-        Field("other site", lambda line: "" if site(run) else line.measurement.site),
+        Field("unusual", lambda line: line.unusual, optional=True),
+        Field("other site", lambda line: "" if site(run) else line.measurement.site, optional=True),
         Field("published for", lambda line: _motion(line.measurement)),
         Field("by", lambda line: line.measurement.source.short),
-        empty=False,
     )

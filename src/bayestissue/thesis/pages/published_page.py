@@ -15,7 +15,7 @@ from bayestissue.declarations import sentences
 from bayestissue.figures.theme import Figure
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.remedies import Code, codes_in
-from bayestissue.report import posterior, tables
+from bayestissue.report import posterior
 from bayestissue.report.comparison import comparison_figure
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior import CONSTANT, FIXED, QUANTITIES, SURE, exponent, hypothesis_probability
@@ -105,7 +105,6 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
         figures=published_figures,
         run_tables=published_run,
         posterior=posterior,
-        tables=tables,
         first_codes=warned_codes(run.diagnostics),
         codes=[*warned_codes(run.diagnostics), *_further_codes(run)],
         record=record,

@@ -20,8 +20,8 @@ from bayestissue.report.run_folder import (
     read_json,
     require_files,
 )
-from bayestissue.report.tables import Field, Row, Table, columns, number_field, table_of, tag
-from bayestissue.report.wording import decimals, digits, interval, listed, probability, significant
+from bayestissue.report.tables import Field, Row, Table, columns, shown, tag
+from bayestissue.report.wording import listed, significant
 from bayestissue.results import read_tables
 from bayestissue.thesis.reproduction.conditions import Quantity
 
@@ -74,28 +74,25 @@ def read_published_run(folder: Path, record: dict[str, Any]) -> PublishedRun:
     )
 
 
-def comparison_table(run: PublishedRun) -> Table:
-    """`comparison.csv`: every competing explanation under both schemes of leaving out."""
-    titles = {"elpd": "elpd", "se": "se", "elpd_difference": "difference"}
-    titles |= {"se_difference": "se of difference", "p_effective": "effective parameters"}
-    return table_of(
-        run.comparison,
-        *map(Field, ("scheme", "model")),
-        *(number_field(title, name, decimals(1), "not known") for name, title in titles.items()),
-        number_field("weight", words=decimals(2), missing="not known"),
-        Field("warning", kind="words"),
-    )
+# Of `comparison.csv`.
+COMPARED = (
+    "scheme",
+    "model",
+    "elpd",
+    "se",
+    "elpd_difference",
+    "se_difference",
+    "p_effective",
+    "weight",
+    "warning",
+)
 
 
 def checks_table(run: PublishedRun) -> Table:
     """`predictive_checks.csv`: statistics of the published numbers beside what the model predicts."""
-    return table_of(
+    return shown(
+        "predictive_checks",
         run.predictive_checks,
-        *map(Field, ("statistic", "quantity")),
-        number_field("observed", words=digits(4), missing="not known"),
-        number_field("predicted", "predicted_median", digits(4), "not known"),
-        Field("90 %", lambda row: interval(row["predicted_low"], row["predicted_high"]), "number"),
-        number_field("p", "p_value", probability, "not known"),
         mark=lambda row: (
             "" if row["predicted_low"] <= row["observed"] <= row["predicted_high"] else "disagrees"
         ),
@@ -160,14 +157,10 @@ def agreement(run: PublishedRun) -> dict[str, int]:
 
 def reproduction_table(run: PublishedRun) -> Table:
     """Every published number beside the recomputed one."""
-    return table_of(
-        run.reproduction,
-        *map(Field, ("table", "row")),
-        Field("quantity", kind="words"),
-        Field("published", kind="number"),
-        Field("reproduced", lambda row: _shortened(str(row["reproduced"])), "number"),
-        Field("agrees", _agreement_tag),
-        Field("note", kind="words"),
+    return shown(
+        "reproduction",
+        run.reproduction.assign(reproduced=run.reproduction["reproduced"].astype(str).map(_shortened)),
+        fields={"agrees": Field("agrees", _agreement_tag)},
         mark=lambda row: "disagrees" if str(row["agrees"]).lower() == "false" else "",
     )
 
