@@ -13,12 +13,13 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
+from bayestissue.declarations import general
 from bayestissue.figures.browser import library, packed_json
 from bayestissue.figures.theme import Figure
 from bayestissue.outline import counted, numbers_in_short
 from bayestissue.remedies import Code, entries
 from bayestissue.report import tables
-from bayestissue.report.wording import half_width, listed, number, significant
+from bayestissue.report.wording import half_width, listed, number, significant, with_error
 from bayestissue.words import PLAIN, Words
 
 _BEGINS = '<meta charset="utf-8">'
@@ -110,6 +111,12 @@ def part(template: str) -> Any:
     return _environment().get_template(template).module
 
 
+def worded(template: str, macro: str, *values: Any) -> str:
+    """The text that a macro of ``words/TEMPLATE.jinja`` writes, its lines one after the other."""
+    written = str(getattr(part(f"words/{template}.jinja"), macro)(*values))
+    return re.sub(r" *\n[ \n]*", " ", written.strip())
+
+
 def script(name: str) -> Markup:
     """A script of `report/templates`, as it stands in a page."""
     return Markup(_environment().loader.get_source(_environment(), name)[0])  # type: ignore[union-attr] # noqa: S704
@@ -127,13 +134,14 @@ def _in_the_pages_nouns(draw: Callable[..., Markup]) -> Callable[..., Markup]:
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("bayestissue.report", "templates"),
-        autoescape=True,
+        autoescape=jinja2.select_autoescape(["html"]),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     # How sentences of a template write numbers and names.
-    for words in (prose, counted, half_width, listed, number, numbers_in_short, significant):
+    written = (counted, general, half_width, listed, number, numbers_in_short, significant, with_error)
+    for words in (prose, *written):
         environment.filters[words.__name__] = words
     for draw in (again, drawn):
         environment.filters[draw.__name__] = _in_the_pages_nouns(draw)
