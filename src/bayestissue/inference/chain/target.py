@@ -8,7 +8,7 @@ that is no physics, and the algebra would lose its digits there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Self
 
@@ -38,7 +38,6 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.chain.settings import FEW
 from bayestissue.inference.execution.kept import some_impacts
-from bayestissue.inference.factors.likelihoods import densities_at
 from bayestissue.padding import bucket, padded_impacts
 
 LEAST = 1e-4
@@ -168,13 +167,6 @@ class Target:
         heavier = numpy.log1p(numpy.exp(u[..., which, :] - numpy.asarray(self.data.log_mass)))
         shift = sign * heavier[..., None, :]
         return numpy.concatenate([u[..., :2, :] - shift, u[..., 2:, :]], axis=-2)
-
-    def log_likelihoods(
-        self, u: Float[np.ndarray, "point parameter impact"]
-    ) -> Float[np.ndarray, "point impact"]:
-        """The same at several points, of all that fill up as well."""
-        traces = replace(self.data, design=None)  # type: ignore[arg-type]
-        return densities_at(self.model, traces, np.moveaxis(u, 1, 2))
 
     def log_ratios(self, log_ratio: Float[Array, " impact"]) -> LogRatios:
         """What is kept of every trace's likelihood over its site."""

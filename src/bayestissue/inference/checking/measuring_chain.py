@@ -39,7 +39,7 @@ from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.expansions import expanded, first_guess, rows_of
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.outline import first_of
-from bayestissue.padding import padded_impacts
+from bayestissue.padding import padded
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
@@ -174,7 +174,7 @@ def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = Non
     z = np.random.default_rng(0).standard_normal((_DRAWS, *centre.shape))
     u = centre + np.einsum("iab,dib->dia", root, z)
     keys = jax.random.split(jax.random.PRNGKey(0), _DRAWS)
-    errors = sign * _errors(prepared.model, data.padded, padded_impacts(u, 1), keys)[:, : len(unit), column]
+    errors = sign * _errors(prepared.model, data, u, keys)[..., column]
     # Where velocity and K do nearly the same to a trace the normal that is drawn from is wide, and one draw
     # may lie where no impact is: its error is none, or thousands of times the others'.
     drawn = np.ma.masked_invalid(errors)
@@ -216,6 +216,7 @@ def _shifted(prepared: Prepared, data: TraceData, name: str, error: np.ndarray) 
     return replace(data, record=record._replace(velocity=jnp.asarray(prepared.signal.velocity + error)))
 
 
+@padded(1, None)
 @by_row(_DRAWS, constant=2)
 def _errors(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array

@@ -7,15 +7,13 @@ on whole arrays, which needs no compiler.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood
 from bayestissue.inference.execution.compiling import by_row
-from bayestissue.padding import padded_impacts
+from bayestissue.padding import padded
 
 # Points of one call.
 POINTS = 64
@@ -28,14 +26,14 @@ def log_likelihoods(
 
     Minus infinity where there is none.
     """
-    traces = replace(data.padded, design=None)  # type: ignore[arg-type]
-    density = densities_at(model, traces, padded_impacts(u, 1))[:, : u.shape[1]]
+    density = densities_at(model, data, u)
     return np.where(np.isfinite(density), density, -np.inf)
 
 
+@padded(1)
 @by_row(POINTS, constant=2)
 def densities_at(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
 ) -> Float[Array, " impact"]:
-    """What is compiled of `log_likelihoods`."""
+    """The same, whatever number there is."""
     return log_likelihood(model, data, list(u.T))

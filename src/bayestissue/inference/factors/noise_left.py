@@ -28,7 +28,7 @@ from bayestissue.hierarchy.traces import (
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.points.whiteness import projected_portmanteau
 from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.padding import padded_impacts
+from bayestissue.padding import padded
 
 
 def noise_p(
@@ -41,9 +41,7 @@ def noise_p(
         data: the traces.
         u: a point of each impact's posterior.
     """
-    parts = _left(model, data.padded, padded_impacts(u))
-    left, fitted, size = (np.asarray(part)[: len(u)] for part in parts)
-    return projected_portmanteau(left, fitted, size)
+    return projected_portmanteau(*_left(model, data, u))
 
 
 def noise_p_of_both(
@@ -54,13 +52,13 @@ def noise_p_of_both(
     Where the deceleration's own residuals are noise, it is the force that has another law, or other K and C:
     what was fitted and the errors take the same directions off both. Arguments as of `noise_p`.
     """
-    parts = _left_of_both(model, data.padded, padded_impacts(u))
-    left, fitted, inside = (np.asarray(part)[: len(u)] for part in parts)
+    left, fitted, inside = _left_of_both(model, data, u)
     order = np.argsort(~inside, axis=1, kind="stable")
     packed = np.take_along_axis(left, order, 1), np.take_along_axis(fitted, order[:, None], 2)
     return projected_portmanteau(*packed, inside.sum(1))
 
 
+@padded(0)
 @compiled_quickly
 def _left_of_both(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
@@ -114,6 +112,7 @@ def _whitened(A: Float[Array, "impact shock error"], rows: list[Array]) -> Float
     return jax.vmap(_without)(A, jnp.stack(rows, axis=1))
 
 
+@padded(0)
 @compiled_quickly
 def _left(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]

@@ -34,7 +34,7 @@ from bayestissue.inference.quantities.masses import (
     of_heavier_impactors,
     own_log_factor,
 )
-from bayestissue.padding import padded_impacts, padded_rows
+from bayestissue.padding import padded, padded_impacts, padded_rows
 
 PRIOR_DRAWS = 1000
 # Of the rows of a block and its impacts' parameters: the errors of log mass, and a key of each draw.
@@ -92,7 +92,8 @@ def posterior_draws(
             return log_factor[:, kept_numbers, None] + own_log_factor(prepared, of_kept, u), of_errors
         # Of the design X b of these impacts is asked alone.
         of_rows = design._replace(cell=cell[rows[padded_rows(len(rows))]])
-        return mass_errors(model, of_rows, of_kept, u, of_mass), of_errors
+        error = mass_errors(model, of_rows, of_kept, padded_impacts(u, 2), of_mass)
+        return error[:, :, : len(rows)], of_errors
 
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
     b, factor = population.b, {}
@@ -126,7 +127,7 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 1), u.shape[:2]))
 
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
-        return padded_impacts(error[:, :, rows], 2), keys
+        return error[:, :, rows], keys
 
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=False)
     # The measuring chain's errors are as the dataset states them.
@@ -168,16 +169,17 @@ def _of_impacts(
     """What `impact_quantities` has of every impact, block by block, in ``single`` precision if so."""
 
     def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
-        of_rows = padded_impacts(u[:, :, rows], 2)
+        of_rows = u[:, :, rows]
         errors = errors_and_keys(rows, of_rows)
-        padded = drawn_impacts(prepared.model, part.padded, recorded, of_rows, *errors)
-        values = {name: np.moveaxis(array[:, :, : len(rows)], 2, 0) for name, array in padded.items()}
+        drawn = drawn_impacts(prepared.model, part, recorded, of_rows, *errors)
+        values = {name: np.moveaxis(array, 2, 0) for name, array in drawn.items()}
         # Half the memory.
         return {name: in_single(array) for name, array in values.items()} if single else values
 
     return {name: np.moveaxis(values, 0, 2) for name, values in in_blocks(prepared.data, one).items()}
 
 
+@padded(None, 2, 2, None)
 @by_row(DRAWS, constant=3, axes=2)
 def drawn_impacts(
     model: TraceModel,
@@ -191,6 +193,7 @@ def drawn_impacts(
     return impact_quantities(Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(recorded)))
 
 
+@padded(1, 1, None)
 @by_row(DRAWS, constant=2)
 def recorded_outcomes(
     model: TraceModel,
@@ -217,7 +220,7 @@ def drawn_from_prior(
 def _drawn_from_prior(
     model: TraceModel, data: TraceData, key: Array
 ) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"]]:
-    """What is compiled of `drawn_from_prior`."""
+    """The same, each [draw, ...]."""
     bare = Predictive(
         lambda: impacts_model(model, data),
         num_samples=PRIOR_DRAWS,

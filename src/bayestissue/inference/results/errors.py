@@ -29,7 +29,7 @@ from bayestissue.inference.results.predictions import replicates
 from bayestissue.likelihood.element.force import force_of
 from bayestissue.likelihood.element.record import DecelerationRecord
 from bayestissue.likelihood.element.response import response
-from bayestissue.padding import padded_impacts
+from bayestissue.padding import padded
 
 NOISE, ELEMENT = "noise", "element"
 # Of log s_a^2: the derivative's own error is this squared over 24.
@@ -102,20 +102,18 @@ def by_source(information: Matrices, ends: Mapping[str, tuple[Matrices, Matrices
 def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
     """The data with each trace as its model has it at ``u``, without noise and errors; all errors normal."""
     if isinstance(prepared.data.record, DecelerationRecord):
-        record, parts = prepared.data.record, prepared.data.padded
-        first_time, d, force = jax.device_get(_of_element(prepared.model, parts, padded_impacts(u)))
-        impacts, samples = record.d.shape
-        d = d[:impacts, :samples]
+        record = prepared.data.record
+        first_time, d, force = _of_element(prepared.model, prepared.data, u)
+        d = d[:, : record.d.shape[1]]
         if record.clipped is not None:
             d = np.where(np.asarray(record.clipped) != 0, np.asarray(record.d), d)
-        first_time = first_time[:impacts]
         if prepared.model.contact:
             # Its place in the interval is a parameter, which moves it from the middle again.
             earlier = u[:, 2 + prepared.model.nuisance.index(CONTACT)]
             first_time = first_time - earlier * np.asarray(record.interval)
         record = record.at_contact(first_time)._replace(d=d)
         if record.force is not None:
-            y = force[:impacts, : record.force.y.shape[1]]
+            y = force[:, : record.force.y.shape[1]]
             record = record._replace(force=record.force._replace(y=y))
         # Only a known contact has an error that can be made normal.
         return with_normal_errors(replace(prepared.data, record=record))
@@ -129,6 +127,7 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
     return replace(data, record=data.record.with_traces(trace))
 
 
+@padded(0)
 @compiled_quickly
 def _of_element(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]

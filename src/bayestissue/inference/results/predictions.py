@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 
 import jax
 import numpy as np
@@ -16,7 +15,7 @@ from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.samplers.sampling import flat, in_chains
-from bayestissue.padding import padded_impacts
+from bayestissue.padding import padded
 
 PREDICTIVE_DRAWS, PRIOR_PREDICTIVE_DRAWS = 100, 50
 # Steps of a replicate, in what its noise differs by from sample to sample: they add 1e-5 to its variance.
@@ -57,18 +56,19 @@ def replicates(
     That is the deceleration, and a force beside it; of a likelihood of displacements these, and the
     decelerations that follow.
     """
-    impacts, samples = data.record.traces.shape
+    samples = data.record.traces.shape[1]
     force = getattr(data.record, "force", None)
     ends = {} if force is None else {"force": force.y.shape[1]}
-    replicated = _replicates(model, replace(data.padded, design=None), padded_impacts(u, 1), keys)  # type: ignore[arg-type]
-    return {name: values[:, :impacts, : ends.get(name, samples)] for name, values in replicated.items()}
+    replicated = _replicates(model, data, u, keys)
+    return {name: values[..., : ends.get(name, samples)] for name, values in replicated.items()}
 
 
+@padded(1, None)
 @by_row(PREDICTIVE_DRAWS, constant=2)
 def _replicates(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
 ) -> dict[str, Float[Array, "impact sample"]]:
-    """What is compiled of `replicates`."""
+    """The same with as many samples as a `bayestissue.padding.bucket` holds."""
     replicate = trace_likelihood(model, data, list(u.T)).replicate(key)
     # Else the noise is made anew for every part of the row that is written: three times as long.
     return jax.lax.optimization_barrier(replicate)

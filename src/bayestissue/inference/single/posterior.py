@@ -45,7 +45,7 @@ from bayestissue.inference.quantities.draws import recorded_outcomes
 from bayestissue.inference.quantities.masses import DRAWS
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.inference.samplers.sampling import quantiles
-from bayestissue.padding import padded_impacts
+from bayestissue.padding import padded
 
 POINTS = 1024
 # Between two words of progress: as many as are computed at once.
@@ -197,7 +197,7 @@ def _of_block(
         sigma,
         _outcomes(model, data, u, of_mass, weight) if recorded else {},
         middle,
-        _residuals(model, data, middle) if recorded else None,
+        _residuals(model, data, middle)[:, : data.record.traces.shape[1]] if recorded else None,
         noise_p(model, data, middle) if recorded else None,
         np.any(np.abs(np.asarray(sites.centre) - start)[:, :2] > _MOVES, axis=1),
         pareto_k,
@@ -362,7 +362,7 @@ def _outcomes(
     for number, column in enumerate(np.cumsum(weight[order], axis=0).T):
         at, alone = order[np.searchsorted(column, levels * column[-1])], np.array([number])
         of_rows = u[at][:, alone], mass_error[at][:, alone]
-        draws.append(recorded_outcomes(model, data.impacts(alone).padded, *of_rows, keys))
+        draws.append(recorded_outcomes(model, data.impacts(alone), *of_rows, keys))
     return {name: _of_draws(np.concatenate([one[name] for one in draws], axis=1)) for name in draws[0]}
 
 
@@ -384,19 +384,12 @@ def _marginal(
     return Marginal(median, np.sqrt((weight * (values - mean) ** 2).sum(0)), low, high)
 
 
-def _residuals(
-    model: TraceModel, data: TraceData, u: Float[np.ndarray, "impact parameter"]
-) -> Float[np.ndarray, "impact sample"]:
-    """Residuals, of errors of the chain that are a draw given the trace."""
-    impacts, samples = data.record.traces.shape
-    return np.asarray(_padded_residuals(model, data.padded, padded_impacts(u)))[:impacts, :samples]
-
-
+@padded(0)
 @compiled_quickly
-def _padded_residuals(
+def _residuals(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
 ) -> Float[Array, "impact sample"]:
-    """What is compiled of `_residuals`."""
+    """Residuals, of errors of the chain that are a draw given the trace."""
     key = jax.random.PRNGKey(0)
     event = impact_likelihood(model, data, list(u.T)).with_contact_found(key)
     return event.residuals(event.draw_errors(key))
