@@ -145,7 +145,7 @@ def _rank(draws: np.ndarray, truth: np.ndarray) -> int:
 
 def main() -> None:
     kind = sys.argv[1]
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded(f"calibration-{kind}") as record:
         base = blank(kind)
         draw = drawing(base)

@@ -594,7 +594,7 @@ def _rhat(raw: np.ndarray) -> float:
 
 def main() -> None:
     trial = TRIALS[sys.argv[1] if len(sys.argv) > 1 else "answers"]
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded(f"calibration_{trial.kind}") as record:
         studies = Studies(trial)
         for first in record.missing(range(0, trial.studies, BLOCK)):

@@ -18,7 +18,7 @@ from bayestissue.runtime import configure
 
 
 def main() -> None:
-    configure(one_core=True)
+    configure()
     with recorded("certificate") as record:
         fit = bt.fit(shared("data", "example"))
         begin = time.monotonic()

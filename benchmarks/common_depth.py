@@ -101,7 +101,7 @@ def exponents_of(case: str, number: int, fits: Fits) -> pd.DataFrame:
 def main() -> None:
     case = sys.argv[1]
     name = "common_depth_on_ball" if case == "discrepancy_on_ball" else f"common_depth-{case}"
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded(name) as record:
         fits = Fits(model_of_case(case), simulate(campaign(case, 0)).dataset("common depth"), LONGEST)
         for number in record.missing(range(CAMPAIGNS[name])):

@@ -133,7 +133,7 @@ def _elpd(comparison: pd.DataFrame) -> dict[str, float]:
 
 def main() -> None:
     name = sys.argv[1]
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded(f"compare_elements-{name}") as record:
         for number in record.missing(range(CAMPAIGNS)):
             record.add(number, [row_of(name, number)])

@@ -177,7 +177,7 @@ def main() -> None:
     name = sys.argv[1]
     family = "coverage_fit" if name in KINDS else "coverage_elements"
     simulation_of = campaign if name in KINDS else lambda seed: campaign_of(name, seed)
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded(f"{family}-{name}") as record:
         fits = Fits(model_of(name), simulate(simulation_of(0)).dataset("first"))
         for number in record.missing(range(CAMPAIGNS[family])):

@@ -94,7 +94,7 @@ def cases() -> dict[str, Callable[[], Row]]:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
+    runtime.configure()
     with evidence.recorded("coverage_point") as record:
         lines = cases()
         for name in record.missing(lines):

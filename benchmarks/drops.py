@@ -56,7 +56,7 @@ def line(made: Simulation, declared: float) -> dict[str, object]:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
+    runtime.configure()
     drop = STANDARD_GRAVITY
     cases = {
         "declared, white noise": (campaign(NOISE, "drop", 1), drop),

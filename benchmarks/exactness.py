@@ -180,7 +180,7 @@ def density(name: str) -> Callable[[jax.Array, DecelerationRecord], jax.Array]:
 
 
 def main() -> None:
-    configure(one_core=True)
+    configure()
     with recorded("exactness") as record:
         rows: list[Row] = [*arma21(), displacements()]
         for name in element_names():

@@ -344,7 +344,7 @@ def contenders() -> dict[str, Callable[[Bench], Outcome]]:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded("fit_efficiency") as record:
         specification = read_specification(shared("models", "arma.toml"))
         prepared = prepare(read_dataset(shared("data", "example")), specification, source="arma.toml")

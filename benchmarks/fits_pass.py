@@ -78,7 +78,7 @@ def fitted(simulation: Simulation, model: str, seed: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
+    runtime.configure()
     first = [int(word.removeprefix("from=")) for word in sys.argv[1:] if word.startswith("from=")] or [0]
     known = set(pd.read_csv(PATH)[["kind", "number"]].itertuples(False, None)) if PATH.is_file() else set()
     for kind in (word for word in sys.argv[1:] if not word.startswith("from=")):

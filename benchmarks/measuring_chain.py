@@ -132,7 +132,7 @@ def judged(likelihood: str, spoil: Callable[[Dataset], Dataset], sets: int) -> p
 
 def main() -> None:
     """Measure each way of spoiling by each likelihood."""
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded("measuring_chain") as record:
         units = {f"{kind}: {name}": (kind, name) for name in SPOILT for kind in ("impact", "arma")}
         for unit in record.missing(units):

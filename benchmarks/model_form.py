@@ -46,7 +46,7 @@ def of_fit(
 
 def main() -> None:
     tissue = sys.argv[1]
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded(f"model_form-{tissue}") as record:
         specification = model_of("impact").model_copy(update={"sampler": SAMPLER})
         first = simulate(campaign_of(tissue, FIRST_SEED)).dataset("first")

@@ -344,7 +344,7 @@ def row_of(rows: pd.DataFrame, chosen: list[tuple[str, str, float, bool]]) -> di
 
 def main() -> None:
     name, studies = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else STUDIES
-    runtime.configure(one_core=True)
+    runtime.configure()
     specification = specification_of(name)
     with recorded(f"outcome_coverage-{name}") as record:
         fits = Fits(specification, simulate(study(name, 0)).dataset(name), SAMPLES)

@@ -237,7 +237,7 @@ def planned(case: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded("plan_assurance") as record:
         units = {f"{name} {study}": (name, study) for name in CASES for study in ("plan", *range(NUMBER))}
         for unit in record.missing(units):

@@ -144,7 +144,7 @@ def compared(case: str) -> pd.DataFrame:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
+    runtime.configure()
     if sys.argv[1:2] == ["draw"]:
         draw(sys.argv[2])
         return

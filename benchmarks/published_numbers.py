@@ -52,7 +52,7 @@ def row(number: str, published: float, computed: float, allowed: float) -> Mappi
 
 
 def main() -> None:
-    configure(one_core=True)
+    configure()
     here = [f"{BOOK}{name}" for name in SERIES if path_of(name).is_file()]
     with recorded("published") as record:
         for unit in record.missing([*PUBLISHED, *here]):

@@ -143,7 +143,7 @@ def _suspected(name: str, data: Dataset) -> dict[str, Any]:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
+    runtime.configure()
     cases = [(name, declared) for name in CASES for declared in (True, False) if CASES[name] or not declared]
     cases += [(name + end, True) for name in DIGITAL for end in ("", AS_ANALOG)]
     cases += [*((name, True) for name in BEFORE), (SOUND, False), (SHORT, False)]

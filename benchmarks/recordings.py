@@ -36,7 +36,7 @@ def row_of(folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
+    runtime.configure()
     paths = sorted(path.parent for path in Path(os.environ["EVIDENCE_RECORDINGS"]).glob("*/dataset.toml"))
     folders = {folder.name: folder for folder in paths}
     with recorded("recordings") as record:

@@ -87,7 +87,7 @@ def counted(rate: float, impacts: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded("sound_fits") as record:
         fits: dict[tuple[int, float], Fits] = {}
         model = model_of("impact").model_copy(update={"sampler": SAMPLER})

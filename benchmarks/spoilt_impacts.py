@@ -42,7 +42,7 @@ def line(found: pd.DataFrame) -> dict[str, object]:
 
 
 def main() -> None:
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded("spoilt_impacts") as record:
         impacts = sound.impacts(600)
         sound_sets = {

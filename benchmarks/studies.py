@@ -95,7 +95,7 @@ def counted(name: str, row_of: Callable[[int], dict[str, Any]], studies: int) ->
         row_of: of a study's number what is kept of it.
         studies: in all, unless the command line says how many.
     """
-    runtime.configure(one_core=True)
+    runtime.configure()
     with recorded(name) as record:
         for number in record.missing(range(int(sys.argv[1]) if len(sys.argv) > 1 else studies)):
             # What is compiled for many shapes takes more mapped memory than a process may have.

@@ -141,6 +141,7 @@ def main() -> None:
     """Run the command line; what ends it before it is done is one line on standard error and a status."""
     runtime.quieten_libraries()
     runtime.keep_compiled()
+    runtime.one_blas_thread()
     try:
         try:
             app()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -71,8 +70,8 @@ def fit(
     """The posterior of K and C of every impact, person and condition, and of the mass exponents.
 
     log K and log C of all impacts are modelled jointly with the errors of the measuring chain that the
-    dataset states; see the commented model files. For the length of the call this process keeps to one core
-    but for the chains.
+    dataset states; see the commented model files. Chains run side by side, as many as this process may use
+    cores; how many changes no number.
 
     Args:
         dataset: as `bayestissue.read_dataset` returns it, or its folder.
@@ -596,14 +595,7 @@ def _set_up() -> Iterator[None]:
     import scipy.linalg  # noqa: F401 - compiled functions call its BLAS, which must be there to be limited
     from threadpoolctl import threadpool_limits
 
-    cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     runtime.release_compiled()
-    runtime.keep_to_one_core()
-    try:
-        # Loaded before this process kept to one core, BLAS has a thread on each, and chains were measured to
-        # take three times as long.
-        with threadpool_limits(1), runtime.compiled_kept():
-            yield
-    finally:
-        if cores is not None:
-            os.sched_setaffinity(0, cores)
+    # Chains have a thread each; with more for BLAS in each they were measured to take three times as long.
+    with threadpool_limits(1), runtime.compiled_kept():
+        yield

@@ -53,34 +53,26 @@ def _allowed() -> tuple[int, ...]:
     return tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()
 
 
-# What this process may use, remembered before it binds itself to one core.
+# What this process may use; a worker process binds itself to one of them.
 CORES = _allowed()
 
 
-def configure(*, one_core: bool = False) -> None:
-    """Use float64 in the whole process, perhaps by `keep_to_one_core`; for a process of the program's own.
+def configure() -> None:
+    """Use float64 in the whole process; for a process of the program's own.
 
     Must be called before JAX computes anything.
     """
-    if one_core:
-        keep_to_one_core()
     import jax
 
     jax.config.update("jax_enable_x64", True)
 
 
-def keep_to_one_core() -> None:
-    """Let this process keep to the core that it runs on: the system began it where least was to do.
+def one_blas_thread() -> None:
+    """BLAS keeps to the thread that calls it, in worker processes too: chains have a thread each.
 
-    A compiled chain hands its many small pieces from thread to thread; on one core that costs nothing, and
-    across cores that other work wants too it was measured to take eight times as long.
+    Must be called before NumPy is imported.
     """
-    try:
-        # The 39th field; the second, the name, ends with the last bracket.
-        running_on = int(Path("/proc/self/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[36])
-    except (OSError, ValueError, IndexError):
-        running_on = -1
-    _bind(running_on if running_on in CORES else next(iter(CORES), None))
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def in_float64[**Arguments, Result](function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
@@ -287,7 +279,8 @@ def settle(parent: int, folder: str, allowed: tuple[int, ...]) -> None:
             os.close(os.open(f"{folder}/core-{core}", os.O_CREAT | os.O_EXCL))
         except FileExistsError:
             continue
-        _bind(core)
+        if hasattr(os, "sched_setaffinity"):
+            os.sched_setaffinity(0, {core})
         break
     configure()
 
@@ -316,11 +309,6 @@ def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(1)
     os._exit(INTERRUPTED)
-
-
-def _bind(core: int | None) -> None:
-    if core is not None and hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {core})
 
 
 def cores() -> int:

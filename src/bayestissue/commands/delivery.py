@@ -140,7 +140,6 @@ def delivers(
     inputs: tuple[str, ...] = (),
     shown: Words = attrgetter("words"),
     verdict: Words = lambda result: getattr(result, "always", ()),
-    one_core: bool = False,
 ) -> Callable[[Callable[..., Result]], Callable[..., None]]:
     """A command whose function computes a `Result`; here it is written, printed, and ends the process.
 
@@ -153,7 +152,6 @@ def delivers(
         inputs: the options that name files and folders which must not be overwritten.
         shown: what is printed of a result, unless it has words of its own.
         verdict: what is printed before that, whatever --quiet says.
-        one_core: see `runtime.configure`.
     """
 
     def declare(function: Callable[..., Result]) -> Callable[..., None]:
@@ -173,7 +171,7 @@ def delivers(
             with results.claim_if(
                 call.out, overwrite=call.overwrite, command=function.__name__, inputs=paths
             ) as call.target:
-                runtime.configure(one_core=one_core)
+                runtime.configure()
                 with call.blocks:
                     result = function(**given, call=call)
                     if call.target is not None:

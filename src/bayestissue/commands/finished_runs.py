@@ -200,7 +200,6 @@ def _beside(given: Mapping[str, Any]) -> Path:
     inputs=("run", "dataset"),
     verdict=lambda certificate: [Words(certificate.about["words"])(certificate.words)],
     shown=_of_certificate,
-    one_core=True,
 )
 def certify(
     run: FinishedFit,

@@ -41,7 +41,7 @@ def _of_fit(fit: Fit) -> Iterator[Shown]:
     yield more([*codes_of(what_is_untold(fit.dataset, fit.prepared)), *warned_codes(fit.diagnostics)])
 
 
-@delivers("scheduler", "skip_bad", inputs=("dataset", "model"), shown=_of_fit, one_core=True)
+@delivers("scheduler", "skip_bad", inputs=("dataset", "model"), shown=_of_fit)
 def fit(
     dataset: DatasetFolder,
     model: Model = None,

@@ -13,6 +13,7 @@ from jax import Array
 from numpy.testing import assert_array_equal
 from numpyro.distributions import biject_to
 
+from bayestissue import runtime
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.chain import draws as chain
@@ -56,7 +57,11 @@ def drawn(
 @pytest.mark.slow
 def test_draws_follow_from_the_seed_and_a_stop_changes_none(people, monkeypatch, tmp_path: Path):
     sites = jax.tree.map(lambda leaf: leaf[None], people.traces)
-    whole = drawn(people, sites, monkeypatch, settings=SHORT, checkpoints=tmp_path)
+    with monkeypatch.context() as patch:
+        # Of chains one after the other; those that follow are side by side.
+        patch.setattr(runtime, "cores", lambda: 1)
+        whole = drawn(people, sites, monkeypatch, settings=SHORT, checkpoints=tmp_path)
+    monkeypatch.setattr(runtime, "cores", lambda: 2)
     segments = sorted(tmp_path.iterdir())
     assert len(segments) == 2 * whole.end.segments
     # As if killed amid the warm-up, and amid what follows; and with nothing to do.

@@ -38,6 +38,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.chain.settings import FEW
 from bayestissue.inference.execution.kept import some_impacts
+from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.padding import bucket, padded_impacts
 
 LEAST = 1e-4
@@ -143,6 +144,12 @@ class Target:
         # Without the barrier the algebra that made u is done again at every sample of a trace.
         value = log_likelihood(self.model, self.data, list(jax.lax.optimization_barrier(u)))
         return jnp.where(self.present, jnp.where(jnp.isfinite(value), value, -jnp.inf), 0.0)
+
+    def log_likelihoods(
+        self, u: Float[np.ndarray, "point parameter impact"]
+    ) -> Float[np.ndarray, "point impact"]:
+        """The same at several points, of all that fill up as well."""
+        return log_likelihoods(self.model, self.data, np.moveaxis(u, 1, 2))
 
     @property
     def added_mass(self) -> int | None:

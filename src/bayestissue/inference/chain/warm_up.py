@@ -19,7 +19,6 @@ from jaxtyping import Float
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.target import Target
-from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.sites import DEEPEST, nearest_parabolas
 
 # Where hyperparameters begin, and how far apart: a fifth of a prior's scale, give or take a few times.
@@ -98,10 +97,9 @@ def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Gen
     best = [chain % np.maximum(explained, 1) for chain in range(chains)]
     u = np.stack([np.asarray(sites.centre)[which, np.arange(impacts)].T for which in best])
     y, near, length = walk_start(chains, len(target.model.hyperparameters), rng)
-    of_traces = log_likelihoods(target.model, target.data, np.moveaxis(u, 1, 2))
     states = [
         State(jnp.asarray(y_of), target.data.location_mean, jnp.asarray(u_of), jnp.asarray(value))
-        for y_of, u_of, value in zip(y, u, of_traces, strict=True)
+        for y_of, u_of, value in zip(y, u, target.log_likelihoods(u), strict=True)
     ]
     of_impact = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision[0]) + np.eye(size)))
     of_impact = _per_inertia(target, np.asarray(sites.centre[0]), of_impact)
