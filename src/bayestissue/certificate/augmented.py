@@ -25,7 +25,7 @@ from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.population import Population
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.chain.results import ChainDraws
-from bayestissue.inference.chain.settings import FEW
+from bayestissue.inference.chain.settings import TOGETHER
 from bayestissue.inference.execution.kept import evenly_spaced, some_of
 from bayestissue.inference.results.predictions import replicates
 from bayestissue.likelihood.element.record import DecelerationRecord
@@ -42,8 +42,8 @@ class Truth(NamedTuple):
 def reason_against(prepared: Prepared) -> str:
     """Why a trace can't be drawn as the model has it, or such a study not be fitted in time; else nothing."""
     record = prepared.data.record
-    if len(prepared.impacts) > FEW:
-        return f"there are more than {FEW} impacts"
+    if len(prepared.impacts) > TOGETHER:
+        return f"there are more than {TOGETHER} impacts"
     if prepared.force is not None:
         return "a force was recorded beside the deceleration, which is not drawn"
     if isinstance(record, DecelerationRecord):

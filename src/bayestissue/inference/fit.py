@@ -141,7 +141,7 @@ def draws_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> Draws:
     count = len(prepared.impacts)
     chosen = kept_draws(chains.shape[0], len(chains.impact_draws), count)
     numbers = chains.impact_draws[chosen]
-    rows = np.arange(count) if len(numbers) == chains.shape[1] else some_impacts(count)
+    rows = some_impacts(count)
     scores = log_densities(prepared, chains.sites, chains.population, chains.log_ratios, rows)
     key = jax.random.PRNGKey(seed)
     return posterior_draws(prepared, chains.population, chains.u[:, chosen], numbers, key, scores)

@@ -60,7 +60,7 @@ def test_of_many_impacts_others_are_looked_for_where_some_have_any(monkeypatch):
         searched.append(len(start))
         return laplace(model, data, start, *others)
 
-    monkeypatch.setattr(module, "FEW", 5)
+    monkeypatch.setattr(module, "TOGETHER", 5)
     monkeypatch.setattr(module, "some_impacts", lambda _: np.arange(2))
     monkeypatch.setattr(module, "laplace_of_all", counted)
     found = module.explanations(made, first)

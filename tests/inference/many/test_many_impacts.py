@@ -19,7 +19,7 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference import fit as traces
-from bayestissue.inference.chain import draws, settings, target
+from bayestissue.inference.chain import draws, settings
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
 from bayestissue.inference.execution.chunks import in_blocks, map_impacts
@@ -65,13 +65,14 @@ def test_blocks_end_to_end_are_the_whole(monkeypatch: pytest.MonkeyPatch, few: i
 
 
 def test_draws_and_impacts_that_are_kept_are_evenly_spaced_and_no_more_than_allowed() -> None:
-    assert list(kept_draws(4, 1000, 90)) == list(range(1000))
+    assert list(kept_draws(4, 1000, 1000)) == list(range(1000))
+    assert 4 * len(kept_draws(4, 1000, 1001)) == many_kept.IMPACT_DRAWS
     kept = kept_draws(4, 1000, 100_000)
     assert 4 * len(kept) * 100_000 <= many_kept.MOST_PAIRS
     assert len(set(np.diff(kept))) == 1
     assert list(some_impacts(7)) == list(range(7))
     shown = some_impacts(100_000)
-    assert (len(shown), shown[0], shown[-1]) == (many_kept.SHOWN, 0, 99_999)
+    assert (len(shown), shown[0], shown[-1]) == (many_kept.FEW, 0, 99_999)
 
 
 def test_intervals_of_few_kept_draws_hold_what_they_promise() -> None:
@@ -173,6 +174,7 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     chains = chain_of_sites(made, sites, rng.normal(-1, 0.1, (2, 40, len(model.hyperparameters))), rng)
     seen = chains.population.b.reshape(80, -1)
     monkeypatch.setattr(trace_blocks, "BLOCK", 5)
+    monkeypatch.setattr(many_kept, "FEW", 11)
     monkeypatch.setattr(many_kept, "MOST_PAIRS", 1)
     found = traces.draws_of_chain(made, chains, 1)
     assert list(found.kept_numbers) == list(range(0, 40, 4))
@@ -221,8 +223,9 @@ def test_of_many_impacts_some_begin_and_some_draws_are_kept(
     dozen: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As of thousands: the population from six of the twelve, and every tenth draw of each."""
-    for module in (draws, settings, target):
-        monkeypatch.setattr(module, "FEW", 5)
+    for module in (draws, settings):
+        monkeypatch.setattr(module, "TOGETHER", 5)
+    monkeypatch.setattr(many_kept, "FEW", 11)
     monkeypatch.setattr(draws, "FIRST", 6)
     made = prepare(dozen, ModelSpecification(name="impact", likelihood="impact"), source="model")
     chains = traces.sample(made, Sampler(chains=2, transitions=100), 1)
@@ -230,14 +233,15 @@ def test_of_many_impacts_some_begin_and_some_draws_are_kept(
     np.testing.assert_array_equal(chains.impact_draws, np.arange(9, number, 10))
     assert chains.u.shape[:3] == (2, number // 10, 12)
     assert chains.u.dtype == np.float32
-    assert chains.log_ratios["impact"].shape == (2, number, 12)
+    assert chains.log_ratios["impact"].shape == (2, number, 11)
     # What is kept of the ratios is that of the draws that are kept of impacts.
     density = np.asarray(chains.sites.log_density(chains.u.astype(float)))
     model, data = made.model, made.data
     value = log_likelihoods(model, data, chains.u.reshape(-1, *chains.u.shape[2:]).astype(float))
     ratio = value.reshape(density.shape) - density
     # Seven digits of u, over slopes of some hundred.
-    np.testing.assert_allclose(ratio, chains.log_ratios["impact"][:, chains.impact_draws], atol=1e-2)
+    kept = chains.log_ratios["impact"][:, chains.impact_draws]
+    np.testing.assert_allclose(ratio[..., many_kept.some_impacts(12)], kept, atol=1e-2)
     found = traces.draws_of_chain(made, chains, 1)
     np.testing.assert_array_equal(found.kept_numbers, chains.impact_draws)
     assert all(np.isfinite(values).all() for values in found.log_likelihood.values())
@@ -250,8 +254,7 @@ def test_what_is_kept_of_many_impacts_has_the_posterior_of_the_whole(
     specification = ModelSpecification(name="impact", likelihood="impact", sampler=Sampler(chains=2))
     fit = partial(traces.fit_traces, prepared, specification, 1, lambda *_: None)
     few = fit()
-    # A hundred draws of each chain are kept of an impact.
-    monkeypatch.setattr(many_kept, "MOST_PAIRS", 2 * 2 * 100 * len(prepared.impacts))
+    monkeypatch.setattr(many_kept, "FEW", len(prepared.impacts) - 1)
     many = fit()
     one = few.summary.set_index(["variable", "label"])
     other = many.summary.set_index(["variable", "label"]).loc[one.index]

@@ -20,11 +20,11 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.chain.moves import Acceptances, State, Steps, Tuning, Visited, transition
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd, constrained, of_nothing
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
-from bayestissue.inference.chain.settings import FEW, FIRST, ChainSettings
+from bayestissue.inference.chain.settings import FIRST, TOGETHER, ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY
-from bayestissue.inference.execution.kept import evenly_spaced, in_single, some_impacts, some_of
+from bayestissue.inference.execution.kept import all_kept, evenly_spaced, in_single, some_impacts, some_of
 from bayestissue.padding import padded_impacts
 
 
@@ -101,11 +101,11 @@ def chain_draws(
         warm = _continued(prepared, beginning, sampler, seed, chosen, checkpoints)
     else:
         near = None
-        if settings is None and count > FEW:
+        if settings is None and count > TOGETHER:
             near = _warm_of_some(prepared, beginning, sampler, seed, progress, checkpoints)
         warm = _warm(prepared, beginning, sampler, seed, chosen, progress, checkpoints, near)
     looked_at = partial(_looked_at, names=prepared.model.hyperparameters)
-    trim = partial(_trimmed, prepared=prepared, keep=chosen.keep)
+    trim = partial(_trimmed, prepared=prepared)
     for drawn in sampled(warm.chains, warm.tuning, looked_at, progress, sampler=sampler, trim=trim):
         path: Trimmed = drawn.path
         yield ChainDraws(
@@ -230,7 +230,7 @@ class Trimmed(NamedTuple):
     u: Float[np.ndarray, "chain kept impact parameter"]
 
 
-def _trimmed(track: Track, prepared: Prepared, keep: int) -> Trimmed:
+def _trimmed(track: Track, prepared: Prepared) -> Trimmed:
     """Without the impacts and levels that fill up, hyperparameters constrained."""
     (y, b, log_likelihood, log_ratios), u, _ = jax.tree.map(np.asarray, track)
     count = len(prepared.impacts)
@@ -241,8 +241,7 @@ def _trimmed(track: Track, prepared: Prepared, keep: int) -> Trimmed:
         Population(constrained(prepared.model, y), b),
         log_likelihood,
         {"impact": log_ratios.impacts[..., :count], **groups},
-        # Of many impacts seven digits.
-        u if keep == 1 else in_single(u),
+        u if all_kept(count) else in_single(u),
     )
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import with_normal_errors
-from bayestissue.inference.chain.settings import FEW
+from bayestissue.inference.chain.settings import TOGETHER
 from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.expansions import first_guess, laplace_of_all, rows_of
@@ -36,7 +36,7 @@ def explanations(prepared: Prepared, first: GaussianFactor, progress: Progress =
         first: the expansions from the first guess.
         progress: told how many starts are done, and of how many.
     """
-    if len(first.centre) > FEW:
+    if len(first.centre) > TOGETHER:
         rows = some_impacts(len(first.centre))
         if len(explanations(some_of(prepared, rows), rows_of(first, rows), progress).centre) == 1:
             return GaussianFactor(*(np.asarray(leaf)[None] for leaf in first))

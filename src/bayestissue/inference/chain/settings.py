@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-# Up to so many impacts everything is kept of each; of more, so many tell the population first.
-FEW, FIRST = 4000, 500
+# Up to so many impacts the whole population is moved along with them; of more, so many tell it first.
+TOGETHER, FIRST = 4000, 500
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class ChainSettings:
         Of thousands a move of the whole population is seldom accepted. `centred` steps alone carry it then,
         which cost as much as there are cells; they are slow where single traces leave much open.
         """
-        if impacts <= FEW:
+        if impacts <= TOGETHER:
             return cls()
         many = {"surrogates": 0, "inner": 1, "centred": 20, "segment": 20, "keep": 10}
         rounds = {"first_rounds": (1, 2), "round": 2, "last_round": 1, "most_rounds": 8, "first_look": 6}

@@ -36,8 +36,7 @@ from bayestissue.hierarchy.traces import (
     hyperparameters_at,
     log_likelihood,
 )
-from bayestissue.inference.chain.settings import FEW
-from bayestissue.inference.execution.kept import some_impacts
+from bayestissue.inference.execution.kept import all_kept, some_impacts
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.padding import bucket, padded_impacts
 
@@ -102,7 +101,7 @@ class Target:
         present = np.arange(len(data.log_mass)) < count
         # Of some impacts alone, as `some_of` has them, the design is still that of all.
         groupings = [one for one in prepared.design.groupings.values() if len(one.code) == count]
-        shown = np.arange(len(present)) if count <= FEW else some_impacts(count)
+        shown = np.arange(len(present)) if all_kept(count) else some_impacts(count)
         design = data.design
         level = np.asarray(design.level)[np.asarray(design.cell) // design.inner[0].shape[2]]
         level_present = np.isin(np.arange(design.inner_element[0].shape[1]), level[present])

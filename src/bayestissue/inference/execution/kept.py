@@ -12,9 +12,11 @@ from jaxtyping import Int
 
 from bayestissue.hierarchy.trace_data import Prepared
 
-SHOWN = 1000
-# Draws times impacts that fit into memory.
-MOST_PAIRS = 20_000_000
+# Up to so many impacts everything is kept of each. Of more everything is kept of so many of them, and of each
+# `IMPACT_DRAWS` draws in single precision: the ends of its 90 % interval are then unsure by 0.1 of its sd.
+FEW, IMPACT_DRAWS = 1000, 400
+# Draws times impacts: of 25,000 impacts or more fewer draws of each.
+MOST_PAIRS = 10_000_000
 
 
 def evenly_spaced(count: int, most: int) -> Int[np.ndarray, " chosen"]:
@@ -23,20 +25,20 @@ def evenly_spaced(count: int, most: int) -> Int[np.ndarray, " chosen"]:
 
 
 def some_impacts(count: int) -> Int[np.ndarray, " shown"]:
-    """The impacts for which everything is kept: all, or a thousand evenly spaced ones."""
-    return evenly_spaced(count, SHOWN)
+    """The impacts for which everything is kept: all, or `FEW` evenly spaced ones."""
+    return evenly_spaced(count, FEW)
 
 
-def all_fit(draws: int, impacts: int) -> bool:
-    """Whether everything can be made for so many draws of so many impacts."""
-    return draws * impacts <= MOST_PAIRS
+def all_kept(impacts: int) -> bool:
+    """Whether everything is kept of each of so many impacts."""
+    return impacts <= FEW
 
 
 def kept_draws(chains: int, draws: int, impacts: int) -> Int[np.ndarray, " kept"]:
     """Numbers of the draws of each chain that are kept of single impacts, evenly spaced."""
-    if all_fit(chains * draws, impacts):
+    if all_kept(impacts):
         return np.arange(draws)
-    most = max(10, MOST_PAIRS // (2 * chains * impacts))
+    most = max(10, min(IMPACT_DRAWS, MOST_PAIRS // impacts) // chains)
     return np.arange(0, draws, -(-draws // most))
 
 

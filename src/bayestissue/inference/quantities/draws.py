@@ -21,7 +21,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly
-from bayestissue.inference.execution.kept import in_single
+from bayestissue.inference.execution.kept import all_kept, in_single
 from bayestissue.inference.quantities.impacts import NAMES, Impacts, impact_quantities, named_quantities
 from bayestissue.inference.quantities.masses import (
     DRAWS,
@@ -79,7 +79,7 @@ def posterior_draws(
         log_likelihood: see `Draws`.
     """
     model, design, shape = prepared.model, prepared.data.design, population.b.shape[:2]
-    cell, whole = np.asarray(design.cell), len(kept_numbers) == shape[1]
+    cell, whole = np.asarray(design.cell), all_kept(len(prepared.impacts))
     # In numpy: jax compiles each step of choosing some of them anew for every number of draws.
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), shape))
     of_kept, keys_of_kept = jax.tree.map(lambda values: values[:, kept_numbers], (population, keys))

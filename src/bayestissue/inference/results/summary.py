@@ -29,11 +29,11 @@ def summarise(posterior: xr.Dataset) -> pd.DataFrame:
     ("kept_draw"), drawn afresh for each of them, no chain has to be judged: its sample sizes and R-hat are
     left open.
     """
-    table = _of_chains(posterior.drop_dims("kept_draw", errors="ignore"))
-    if "kept_draw" not in posterior.dims:
-        return table
-    thinned = [name for name, array in posterior.data_vars.items() if "kept_draw" in array.dims]
-    return pd.concat([table, *(_of_kept(str(name), posterior[name]) for name in thinned)], ignore_index=True)
+    of_all = posterior.drop_dims("kept_draw", errors="ignore")
+    thinned = [name for name in posterior.data_vars if name not in of_all]
+    tables = [_of_chains(str(name), array) for name, array in of_all.data_vars.items()]
+    tables += [_of_kept(str(name), posterior[name]) for name in thinned]
+    return pd.concat(tables, ignore_index=True)
 
 
 def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
@@ -58,9 +58,8 @@ def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
     return pd.DataFrame(columns).reindex(columns=COLUMNS)
 
 
-def _of_chains(posterior: xr.Dataset) -> pd.DataFrame:
-    names = [_named(str(name), array) for name, array in posterior.data_vars.items()]
-    draws = np.concatenate([elements_of(array) for array in posterior.data_vars.values()])
+def _of_chains(name: str, array: xr.DataArray) -> pd.DataFrame:
+    draws = elements_of(array)
     flat = draws.reshape(len(draws), -1)
     sampled = convergence(draws)
     mean, sd = _moments(flat)
@@ -74,7 +73,7 @@ def _of_chains(posterior: xr.Dataset) -> pd.DataFrame:
         "never": np.isinf(flat).mean(axis=1),
         **dict(zip(QUANTILES, quantiles(flat, list(QUANTILES.values())), strict=True)),
     }
-    return pd.concat(names, ignore_index=True).assign(**columns)[COLUMNS]
+    return _named(name, array).assign(**columns)[COLUMNS]
 
 
 def _moments(
