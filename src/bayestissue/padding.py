@@ -1,15 +1,12 @@
 """Axes filled up to one of a few lengths: what is compiled for one dataset serves others.
 
 A function that is compiled for impacts takes a few more, copies of the first, whose numbers are as good as
-any; `padded` cuts what they give off again. Samples that are added are 0, and past a trace's end. Where
-numbers are summed over impacts, zeros are added instead.
+any; `bayestissue.inference.execution.compiling.padded` cuts what they give off again. Samples that are added
+are 0, and past a trace's end. Where numbers are summed over impacts, zeros are added instead.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from functools import wraps
 from typing import Any
 
 import jax
@@ -45,30 +42,3 @@ def padded_zeros(values: Any, axis: int = 0) -> Any:
         return np.pad(leaf, widths)
 
     return jax.tree.map(filled, values)
-
-
-def padded(*axes: int | None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Makes a compiled function of (model, data, ...) one of any number of impacts.
-
-    It is called with a `bucket` of impacts and of samples, and without the population's design; what it
-    returns is cut to the impacts again, along the first of the axes that are named.
-
-    Args:
-        axes: along which impacts lie in each argument after the data; None of one that has none.
-    """
-    of_results = next(axis for axis in axes if axis is not None)
-
-    def decorated(function: Callable[..., Any]) -> Callable[..., Any]:
-        @wraps(function)
-        def called(model: Any, data: Any, *arguments: Any) -> Any:
-            filled = [
-                values if axis is None else padded_impacts(values, axis)
-                for values, axis in zip(arguments, axes, strict=True)
-            ]
-            results = function(model, replace(data.padded, design=None), *filled)
-            among = (slice(None),) * of_results + (slice(len(data.log_mass)),)
-            return jax.tree.map(lambda leaf: np.asarray(leaf)[among], results)
-
-        return called
-
-    return decorated

@@ -24,7 +24,7 @@ from bayestissue.inference.chain.settings import FIRST, TOGETHER, ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY
-from bayestissue.inference.execution.kept import all_kept, evenly_spaced, in_single, some_impacts, some_of
+from bayestissue.inference.execution.kept import all_kept, evenly_spaced, some_impacts, some_of
 from bayestissue.padding import padded_impacts
 
 
@@ -241,7 +241,7 @@ def _trimmed(track: Track, prepared: Prepared) -> Trimmed:
         Population(constrained(prepared.model, y), b),
         log_likelihood,
         {"impact": log_ratios.impacts[..., :count], **groups},
-        u if all_kept(count) else in_single(u),
+        u if all_kept(count) else u.astype(np.float32),
     )
 
 

@@ -34,12 +34,11 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_likelihood
 from bayestissue.inference.checking import incredible, sentence
 from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.model_form import LIMIT, judged_at
-from bayestissue.inference.execution.compiling import by_row
+from bayestissue.inference.execution.compiling import by_row, padded
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.expansions import expanded, first_guess, rows_of
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.outline import first_of
-from bayestissue.padding import padded
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial, wraps
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from bayestissue.padding import padded_impacts
 
 Function = Callable[..., Any]
 # XLA spends most of a compilation on making the result fast. Level 1 compiles in a fifth less time and its
@@ -64,6 +67,33 @@ def by_row(
             return in_parts(of_rows, arguments[constant:], size, axes)
 
         called.jitted = first  # type: ignore[attr-defined]
+        return called
+
+    return decorated
+
+
+def padded(*axes: int | None) -> Callable[[Function], Function]:
+    """Makes a compiled function of (model, data, ...) one of any number of impacts.
+
+    It is called with a `bayestissue.padding.bucket` of impacts and of samples, and without the population's
+    design; what it returns is cut to the impacts again, along the first of the axes that are named.
+
+    Args:
+        axes: along which impacts lie in each argument after the data; None of one that has none.
+    """
+    of_results = next(axis for axis in axes if axis is not None)
+
+    def decorated(function: Function) -> Function:
+        @wraps(function)
+        def called(model: Any, data: Any, *arguments: Any) -> Any:
+            filled = [
+                values if axis is None else padded_impacts(values, axis)
+                for values, axis in zip(arguments, axes, strict=True)
+            ]
+            results = function(model, replace(data.padded, design=None), *filled)
+            among = (slice(None),) * of_results + (slice(len(data.log_mass)),)
+            return jax.tree.map(lambda leaf: np.asarray(leaf)[among], results)
+
         return called
 
     return decorated

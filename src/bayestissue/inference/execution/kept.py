@@ -42,11 +42,6 @@ def kept_draws(chains: int, draws: int, impacts: int) -> Int[np.ndarray, " kept"
     return np.arange(0, draws, -(-draws // most))
 
 
-def in_single(values: np.ndarray) -> np.ndarray:
-    """Draws in single precision, whose seven digits are more than they know."""
-    return values.astype(np.float32)
-
-
 def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
     """The same fit with these impacts alone, the population as it was."""
     signal: Any = prepared.signal

@@ -7,10 +7,9 @@ its items with it, and they are computed again by others.
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, as_completed
-from contextlib import contextmanager, suppress
+from concurrent.futures import CancelledError, Executor, as_completed
+from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
@@ -20,8 +19,8 @@ from bayestissue.errors import InputError, Problem
 # Workers that die this often without an item done between are no accident.
 _DEATHS = 5
 _PATIENCE_S = 4
-# A worker that was just started loads for some seconds; between looks at whether there are any, so long.
-_WORKERS_S, _LOOK_S = 20.0, 2.0
+# A worker that was just started loads for some seconds.
+_WORKERS_S = 20.0
 _SCHEDULER: ContextVar[str | None] = ContextVar("scheduler", default=None)
 
 
@@ -61,81 +60,45 @@ def computed[Item, Result](
         InputError: Dask is not installed, or the scheduler doesn't answer.
         RuntimeError: workers die again and again.
     """
-    if scheduler is not None:
-        return _on_dask(function, items, scheduler)
-    if jobs == 1:
-        return ((number, function(item)) for number, item in enumerate(items))
-    return _in_workers(function, items, jobs)
-
-
-def _in_workers(function: Callable[[Any], Any], items: Sequence[Any], jobs: int) -> Iterator[tuple[int, Any]]:
-    from loky.process_executor import BrokenProcessPool
-
+    if scheduler is None and jobs == 1:
+        yield from ((number, function(item)) for number, item in enumerate(items))
+        return
     left, deaths = set(range(len(items))), 0
     while left:
-        with runtime.worker_pool(min(jobs, len(left))) as pool:
-            futures = {pool.submit(function, items[number]): number for number in sorted(left)}
+        with _executor(min(jobs, len(left)), scheduler) as (pool, killed):
+            futures = {pool.submit(_settled, function, items[number]): number for number in sorted(left)}
             try:
                 for future in as_completed(futures):
                     result = future.result()
                     left.remove(futures[future])
                     deaths = 0
                     yield futures[future], result
-            except BrokenProcessPool as death:
+            except killed as death:
                 deaths += 1
                 if deaths == _DEATHS:
                     raise RuntimeError(f"workers died {deaths} times with nothing done") from death
 
 
-def _on_dask(function: Callable[[Any], Any], items: Sequence[Any], address: str) -> Iterator[tuple[int, Any]]:
-    client = _client(address)
+@contextmanager
+def _executor(jobs: int, scheduler: str | None) -> Iterator[tuple[Executor, type[Exception]]]:
+    """Who computes, for the length of a block, and the exception that says that a worker died."""
+    if scheduler is None:
+        from loky.process_executor import BrokenProcessPool
+
+        with runtime.worker_pool(jobs) as pool:
+            yield pool, BrokenProcessPool
+        return
+    client = _client(scheduler)
     import distributed
 
     try:
-        left, deaths = set(range(len(items))), 0
-        while left:
-            futures = {
-                client.submit(_settled, function, items[number], pure=False): number
-                for number in sorted(left)
-            }
-            try:
-                for future in _done(client, list(futures)):
-                    result = future.result()
-                    left.remove(futures[future])
-                    deaths = 0
-                    yield futures[future], result
-            except distributed.KilledWorker as death:
-                deaths += 1
-                if deaths == _DEATHS:
-                    raise RuntimeError(f"workers died {deaths} times with nothing done") from death
-            except (asyncio.CancelledError, CancelledError, OSError) as loss:
-                if client.status == "running":
-                    raise
-                raise _lost("the scheduler answers no longer") from loss
+        yield client.get_executor(pure=False), distributed.KilledWorker
+    except (CancelledError, OSError) as loss:
+        if client.status == "running":
+            raise
+        raise _lost("the scheduler answers no longer") from loss
     finally:
         client.close(timeout=_PATIENCE_S)
-
-
-def _done(client: Any, futures: list[Any]) -> Iterator[Any]:
-    """The futures as they are done, for as long as there is a scheduler and it has workers.
-
-    Raises:
-        InputError: there is none for `_WORKERS_S`.
-    """
-    import distributed
-
-    waiting, last_seen = set(futures), time.monotonic()
-    while waiting:
-        with suppress(TimeoutError):
-            for future in distributed.as_completed(list(waiting), loop=client.loop, timeout=_LOOK_S):
-                waiting.discard(future)
-                last_seen = time.monotonic()
-                yield future
-        running = client.status == "running"
-        if running and client.scheduler_info()["workers"]:
-            last_seen = time.monotonic()
-        if time.monotonic() - last_seen > _WORKERS_S:
-            raise _lost("a scheduler without workers" if running else "the scheduler answers no longer")
 
 
 def _lost(status: str) -> InputError:
@@ -152,7 +115,7 @@ def _lost(status: str) -> InputError:
 
 
 def _settled(function: Callable[[Any], Any], item: Any) -> Any:
-    """An item in a worker that someone else started."""
+    """An item in a worker, which someone else may have started."""
     runtime.configure()
     return function(item)
 

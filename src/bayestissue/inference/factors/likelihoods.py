@@ -12,8 +12,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood
-from bayestissue.inference.execution.compiling import by_row
-from bayestissue.padding import padded
+from bayestissue.inference.execution.compiling import by_row, padded
 
 # Points of one call.
 POINTS = 64

@@ -25,10 +25,9 @@ from bayestissue.hierarchy.traces import (
     impact_likelihood,
     of_the_element,
 )
-from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.inference.points.whiteness import projected_portmanteau
 from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.padding import padded
 
 
 def noise_p(

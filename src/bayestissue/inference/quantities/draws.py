@@ -20,8 +20,8 @@ from bayestissue.hierarchy.population import Population, shared_mass_errors
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
 from bayestissue.inference.execution.chunks import in_blocks
-from bayestissue.inference.execution.compiling import by_row, compiled_quickly
-from bayestissue.inference.execution.kept import all_kept, in_single
+from bayestissue.inference.execution.compiling import by_row, compiled_quickly, padded
+from bayestissue.inference.execution.kept import all_kept
 from bayestissue.inference.quantities.impacts import NAMES, Impacts, impact_quantities, named_quantities
 from bayestissue.inference.quantities.masses import (
     DRAWS,
@@ -34,7 +34,7 @@ from bayestissue.inference.quantities.masses import (
     of_heavier_impactors,
     own_log_factor,
 )
-from bayestissue.padding import padded, padded_impacts, padded_rows
+from bayestissue.padding import padded_impacts, padded_rows
 
 PRIOR_DRAWS = 1000
 # Of the rows of a block and its impacts' parameters: the errors of log mass, and a key of each draw.
@@ -174,7 +174,7 @@ def _of_impacts(
         drawn = drawn_impacts(prepared.model, part, recorded, of_rows, *errors)
         values = {name: np.moveaxis(array, 2, 0) for name, array in drawn.items()}
         # Half the memory.
-        return {name: in_single(array) for name, array in values.items()} if single else values
+        return {name: array.astype(np.float32) for name, array in values.items()} if single else values
 
     return {name: np.moveaxis(values, 0, 2) for name, values in in_blocks(prepared.data, one).items()}
 

@@ -33,7 +33,7 @@ from bayestissue.hierarchy.traces import (
     with_normal_errors,
 )
 from bayestissue.inference.execution.chunks import BLOCK, map_impacts
-from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.inference.execution.workers import cluster
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.expansions import first_guess
@@ -45,7 +45,6 @@ from bayestissue.inference.quantities.draws import recorded_outcomes
 from bayestissue.inference.quantities.masses import DRAWS
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.inference.samplers.sampling import quantiles
-from bayestissue.padding import padded
 
 POINTS = 1024
 # Between two words of progress: as many as are computed at once.
