@@ -15,13 +15,13 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayestissue as bt
 from bayestissue import fitting
-from bayestissue.finished import TABLES
 from bayestissue.fitting import FitJob, resolve
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.fit import TraceAnalysis
 from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE, of_element_alone
 from bayestissue.inference.single.estimates import estimate
+from bayestissue.report.fit.run import TABLES
 from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
@@ -51,7 +51,7 @@ def fitted(dataset, tmp_path_factory):
     specification = read_specification(shared("models", "a2.toml"))
     prepared = prepare(dataset, specification, source="a2")
     return FitJob(dataset, specification, prepared, 4).finished(
-        TraceAnalysis(tree=tree, diagnostics=diagnostics, **tables),
+        TraceAnalysis(tree, diagnostics, tables),
         estimate(dataset, method="dds"),
         (datetime(2026, 1, 1, tzinfo=UTC), 61.54),
     )
@@ -221,7 +221,7 @@ def test_structured_residuals_ask_for_a_second_fit(
     posterior = fitted.posterior["posterior"].dataset
     further = {"discrepancy": 0.05 * posterior["K"] ** 0, "K_secant": posterior["K"]}
     tree = xr.DataTree.from_dict({"posterior": posterior.assign(further)})
-    made = replace(fitted.analysis, tree=tree, diagnostics=fitted.diagnostics | {"model_form": form})
+    made = TraceAnalysis(tree, fitted.diagnostics | {"model_form": form}, fitted.tables)
     seen, said, asked = [], [], []
 
     def fit_traces(prepared, specification, seed, say, *, checkpoints, end, expansions=None):

@@ -21,7 +21,7 @@ from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.inference.samplers.diagnostics import verdict_in_words
 from bayestissue.outline import Rows, short, span
 from bayestissue.paper import WIDTH_MM
-from bayestissue.report.fit.run import FitRun
+from bayestissue.report.fit.run import TABLES, FitRun
 from bayestissue.report.run_folder import not_a_fit, read_about
 from bayestissue.result import Made, Result
 
@@ -29,16 +29,11 @@ if TYPE_CHECKING:
     from bayestissue.hierarchy.recorded import Condition
     from bayestissue.inference.answers.predictions import Predicted
     from bayestissue.inference.chain.results import ChainEnd
-    from bayestissue.inference.fit import Say, TraceAnalysis
+    from bayestissue.inference.fit import Say
     from bayestissue.report.fit.figures import Plots
 
-TABLES = (
-    *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
-    *("contrasts", "levels", "loops", "curves", "reliability"),
-)
 # Where its chains ended.
 CHAIN = "chain.npz"
-_FURTHER = ("agreement", "estimates_dds")
 _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
 
@@ -97,14 +92,6 @@ class Fit(FitRun, Result):
     def specification(self) -> ModelSpecification:
         """The model file, its formulas as they were evaluated."""
         return specification_of(self.about["model"], "run.json")
-
-    @property
-    def analysis(self) -> TraceAnalysis:
-        """All tables of the fit itself, as `bayestissue.inference.fit.fit_traces` returns them."""
-        from bayestissue.inference.fit import TraceAnalysis
-
-        tables = {name: self.table(name) for name in TABLES}
-        return TraceAnalysis(tree=self.posterior, diagnostics=self.diagnostics, end=self.end, **tables)
 
     @property
     def verdict(self) -> str:
@@ -228,7 +215,7 @@ class Fit(FitRun, Result):
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
         """Those of the run's folder, by the names of their files."""
-        tables = {name: self.table(name) for name in (*TABLES, *_FURTHER)}
+        tables = {name: self.table(name) for name in (*TABLES, "agreement")}
         # Few model files have questions.
         with suppress(KeyError):
             tables["questions"] = self.table("questions")

@@ -18,7 +18,7 @@ import xarray as xr
 from bayestissue import resources, runtime
 from bayestissue.dataset.left_out import reason_of
 from bayestissue.errors import Coded, InputError, Problem, refuse
-from bayestissue.finished import TABLES, Fit, read_run
+from bayestissue.finished import Fit, read_run
 from bayestissue.hierarchy.columns import untried
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.named_model import named_model
@@ -366,7 +366,8 @@ class FitJob:
         points, flags = _points_and_flags(job)
         chain = judge(plain, expansions) if job.dataset.quantity != "displacement" else {}
         diagnostics = analysis.diagnostics | job._of_recordings(analysis, flags, chain)
-        analysis = replace(analysis, diagnostics=diagnostics, summary=noted(analysis.summary, diagnostics))
+        tables = analysis.tables | {"summary": noted(analysis.summary, diagnostics)}
+        analysis = replace(analysis, diagnostics=diagnostics, tables=tables)
         return job.finished(analysis, points, (start.time, start.seconds))
 
     def _without_discrepancy(self) -> Prepared:
@@ -475,9 +476,8 @@ class FitJob:
             points: the table of the thesis's method.
             clock: when the fit began, and how many seconds it took.
         """
-        tables = {name: typed(name, getattr(analysis, name)) for name in TABLES}
-        tables["estimates_dds"] = typed("estimates_dds", points)
-        tables["agreement"] = typed("agreement", _agreement(points, analysis.summary))
+        further = {"estimates_dds": points, "agreement": _agreement(points, analysis.summary)}
+        tables = {name: typed(name, table) for name, table in (analysis.tables | further).items()}
         fit = Fit(
             runtime.run_record("fit", "fit", *clock, **self._provenance(analysis)),
             analysis.tree,

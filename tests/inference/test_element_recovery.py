@@ -128,7 +128,7 @@ def test_fit_holds_the_truth(name: str) -> None:
         force = static_force(element(name), {**own, "diameter_m": REFERENCE_DIAMETER_M}, np.full(12, depth))
         low, high = posterior["K_common_depth"].quantile([0.01, 0.99], ("chain", "draw")).to_numpy()
         assert ((low <= force / depth) & (force / depth <= high)).sum() >= 10
-        quantities = set(analysis.hypotheses["quantity"])
+        quantities = set(analysis.tables["hypotheses"]["quantity"])
         assert quantities == {"K", "C", "K_common_depth", "K_secant"}
         assert set(summary_of_exponents(analysis)) == {f"mass_exponent_{q}" for q in quantities}
 

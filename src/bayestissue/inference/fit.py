@@ -60,21 +60,24 @@ Say = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class TraceAnalysis:
-    """Every result of a fit, labelled; the tables are the files of a finished run."""
+    """Every result of a fit, labelled.
+
+    Attributes:
+        tree: the groups of ``posterior.nc``.
+        diagnostics: the content of ``diagnostics.json``.
+        tables: those of a finished run, by the names of their files.
+        end: where the chains ended.
+    """
 
     tree: xr.DataTree
-    summary: pd.DataFrame
     diagnostics: dict[str, Any]
-    hypotheses: pd.DataFrame
-    cross_validation: pd.DataFrame
-    sensitivity: pd.DataFrame
-    interval_sources: pd.DataFrame
-    contrasts: pd.DataFrame
-    levels: pd.DataFrame
-    loops: pd.DataFrame
-    curves: pd.DataFrame
-    reliability: pd.DataFrame
+    tables: dict[str, pd.DataFrame]
     end: ChainEnd | None = None
+
+    @property
+    def summary(self) -> pd.DataFrame:
+        """The table of all quantities."""
+        return self.tables["summary"]
 
 
 def fit_traces(
@@ -174,23 +177,22 @@ def label(
     # Coefficients are functions of standard deviations, which are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
     compared, near = _comparison(prepared, specification, tree), specification.practical_equivalence
-    return TraceAnalysis(
-        tree=tree,
-        summary=summary,
-        diagnostics=_diagnostics(
-            prepared, posterior, tree["prior"].dataset, checked, chains, form, _unasked(specification)
-        ),
-        hypotheses=_hypotheses(posterior, of_tissue, near.mass_exponent),
-        cross_validation=scores,
-        sensitivity=sensitivity,
-        interval_sources=budget,
-        contrasts=contrasts_table(compared, near.ratio),
-        levels=levels_table(compared),
-        loops=loops_table(compared),
-        curves=curves_table(compared),
-        reliability=reliability(repeatable["posterior"], repeatable["prior"]),
-        end=chains.end,
+    diagnostics = _diagnostics(
+        prepared, posterior, tree["prior"].dataset, checked, chains, form, _unasked(specification)
     )
+    tables = {
+        "summary": summary,
+        "hypotheses": _hypotheses(posterior, of_tissue, near.mass_exponent),
+        "cross_validation": scores,
+        "sensitivity": sensitivity,
+        "interval_sources": budget,
+        "contrasts": contrasts_table(compared, near.ratio),
+        "levels": levels_table(compared),
+        "loops": loops_table(compared),
+        "curves": curves_table(compared),
+        "reliability": reliability(repeatable["posterior"], repeatable["prior"]),
+    }
+    return TraceAnalysis(tree, diagnostics, tables, chains.end)
 
 
 def _hypotheses(posterior: xr.Dataset, of_tissue: Sequence[str], near: float) -> pd.DataFrame:
