@@ -23,12 +23,10 @@ from coverage import KEPT, Fits, campaign_of, model_of
 from evidence import recorded
 
 from bayestissue import runtime
-from bayestissue.comparing import OF_IMPACTS, compare_runs
 from bayestissue.elements import element_names
-from bayestissue.finished import Fit
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.comparing import OF_IMPACTS, compare_runs
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.simulation import simulate
@@ -49,7 +47,7 @@ def fits_of(name: str) -> Fits:
     return Fits(model, simulate(campaign_of(name, 0)).dataset("first"), LONGEST)
 
 
-def finished(name: str, prepared: Prepared, found: Draws) -> Fit:
+def finished(prepared: Prepared, found: Draws) -> xr.DataTree:
     """What `compare` reads of a run's folder."""
     draws, people = ("chain", "draw"), prepared.impacts["subject"].astype(str).to_numpy()
     scalars = {site: (draws, values) for site, values in found.population.items() if values.ndim == 2}
@@ -68,7 +66,7 @@ def finished(name: str, prepared: Prepared, found: Draws) -> Fit:
     inside = np.arange(prepared.signal.x.shape[1]) < prepared.signal.n_samples[:, None]
     seen = np.where(inside, prepared.signal.deceleration, np.nan)
     names = {"impact": prepared.impacts["impact"].astype(str).to_numpy()}
-    tree = xr.DataTree.from_dict(
+    return xr.DataTree.from_dict(
         {
             "posterior": xr.Dataset({**scalars, **impacts}, names),
             "log_likelihood": xr.Dataset(trace, names),
@@ -77,27 +75,24 @@ def finished(name: str, prepared: Prepared, found: Draws) -> Fit:
             "constant_data": xr.Dataset({"impact_subject": (("impact",), people)}, names),
         }
     )
-    fit = Fit({"model": {"likelihood": "impact", "element": name}}, tree, {}, {}.__getitem__)
-    vars(fit)["finished"] = Finished(tree["posterior"].to_dataset(), None, prepared.design.recorded, name)
-    return fit
 
 
 def row_of(right: str, number: int) -> dict[str, Any]:
     """One campaign: every fit, and what `compare` says of them."""
     simulation = campaign_of(right, number)
     result = simulate(simulation)
-    runs: dict[str, Fit] = {}
-    refused: dict[str, Fit] = {}
+    runs: dict[str, xr.DataTree] = {}
+    refused: dict[str, xr.DataTree] = {}
     passed: dict[str, bool] = {}
     for name in element_names():
         fits = fits_of(name)
         prepared = fits.prepared(result.dataset(simulation.name))
         found, passed[name] = fits.fit(prepared, number)
         if all(np.isfinite(values).all() for values in found.log_likelihood.values()):
-            (runs if passed[name] else refused)[name] = finished(name, prepared, found)
+            (runs if passed[name] else refused)[name] = finished(prepared, found)
     if len(runs) < 2:
         runs |= refused
-    comparison = compare_runs(runs)
+    comparison = compare_runs(runs, {name: {"likelihood": "impact"} for name in runs})
     return {
         **_score(comparison, BY_IMPACT, right, ""),
         **_score(comparison, BY_PERSON, right, "_people"),

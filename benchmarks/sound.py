@@ -11,8 +11,7 @@ from jaxtyping import Float
 
 from bayestissue.dataset import Dataset, Trace
 from bayestissue.dataset.settings import Quantity, Settings, SignalSettings
-from bayestissue.simulation.campaign import simulate
-from bayestissue.simulation.contact import leaves
+from bayestissue.simulation.campaign import leaves, simulate
 from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
 
 FINE_HZ = 20_000.0

@@ -20,7 +20,7 @@ _PUBLIC: dict[str, str] = {
     "Certificate": "bayestissue.certificate.certificate",
     "Check": "bayestissue.checking",
     "Comparison": "bayestissue.comparing",
-    "Estimates": "bayestissue.estimating",
+    "Estimates": "bayestissue.report.estimates_page",
     "Fit": "bayestissue.finished",
     "Impact": "bayestissue.one_impact",
     "InputError": "bayestissue.errors",
@@ -37,7 +37,7 @@ _COMPUTED: dict[str, str] = {
     "impact": "bayestissue.one_impact",
     "numpyro_model": "bayestissue.fitting",
     "plan": "bayestissue.planning.plan",
-    "estimate": "bayestissue.estimating",
+    "estimate": "bayestissue.report.estimates_page",
 }
 # What does too, compiled, and takes arrays.
 _NUMERIC: dict[str, str] = {

@@ -27,9 +27,8 @@ from bayestissue.commands import (
     init,
     live,
     plan,
-    reproduce,
-    selftest,
     texts,
+    verification,
 )
 from bayestissue.declarations import described
 from bayestissue.errors import InputError, PartialResultError, Problem, by_cause, more, printable
@@ -112,10 +111,10 @@ _FAILED = more(["machine-failed"])
 _COMMANDS: dict[str, Callable[..., None]] = {
     **{"plan": plan.plan, "init": init.run, "check": datasets.check, "simulate": datasets.simulate},
     **{"estimate": datasets.estimate, "model": texts.model},
-    **{"fit": fit.fit, "reproduce": reproduce.reproduce, "report": finished_runs.report},
+    **{"fit": fit.fit, "reproduce": verification.reproduce, "report": finished_runs.report},
     **{"compare": finished_runs.compare, "ask": finished_runs.ask, "predict": finished_runs.predict},
     **{"export": finished_runs.export, "watch": live.watch, "open": live.open_, "explain": texts.explain},
-    **{"selftest": selftest.selftest, "certify": finished_runs.certify},
+    **{"selftest": verification.selftest, "certify": finished_runs.certify},
 }
 for name, command in _COMMANDS.items():
     if command is init.run:

@@ -9,27 +9,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-import xarray as xr
 
 from bayestissue import runtime
-from bayestissue.errors import Coded, InputError, Problem, all_of, refuse
+from bayestissue.errors import InputError, Problem, all_of, refuse
 from bayestissue.finished import Fit, read_run
-from bayestissue.inference.answers.predictions import predicted
 from bayestissue.inference.answers.questions import ask_what_can_be, numbered, require_parsed
-from bayestissue.inference.comparing import by_importance
-from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
-from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
-from bayestissue.inference.results.cross_validation import densities_of, scheme_words, schemes
-from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
-from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, element_alone, meaning
-from bayestissue.inference.samplers.diagnostics import of_element_alone
+from bayestissue.inference.comparing import compare_runs, observed_by, posteriors_by_run, same_questions
 from bayestissue.outline import Rows, short
 from bayestissue.report.comparison import page_of
 from bayestissue.report.run_folder import require_groups
 from bayestissue.result import Result
-from bayestissue.results.tables import columns_of, joined, wrong_in
+from bayestissue.results.tables import wrong_in
 
 _AGAIN = "Give folders of finished runs of `bayestissue fit`."
 _unfit = partial(Problem, code="runs-to-compare")
@@ -95,7 +86,11 @@ def compare(*runs: Fit | str | Path, ask: str | Sequence[str] = ()) -> Compariso
     fits = dict(zip(_names(read := all_of(_read, runs)), read, strict=True))
     _require_same_data(fits)
     all_of(_require_densities, read)
-    compared, posteriors = compare_runs(fits), posteriors_by_run(fits)
+    compared = compare_runs(
+        {name: fit.posterior for name, fit in fits.items()},
+        {name: fit.about["model"] for name, fit in fits.items()},
+    )
+    posteriors = posteriors_by_run({name: fit.finished for name, fit in fits.items()})
     answers = same_questions(
         {
             name: _answers(fit) | {"asked": ask_what_can_be(fit.finished, questions)}
@@ -149,7 +144,7 @@ def _require_densities(fit: Fit) -> None:
         "log_likelihood": ("trace",),
         "log_likelihood_of_groups": ("traces_of_subject", "traces_of_trial"),
         "constant_data": ("impact_subject", "mass_kg", "velocity_m_s"),
-        "observed_data": (observed_by(fit),),
+        "observed_data": (observed_by(fit.about["model"]),),
     }
     require_groups(fit.posterior, needed, _file(fit, "posterior.nc"), _AGAIN)
 
@@ -197,198 +192,3 @@ def _names(fits: Sequence[Fit]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [str(folder.resolve()) for folder in stored]
-
-
-# By what it is called: the unit of an outcome of the reference impact.
-OF_OUTCOMES = {
-    f"{name}_{level}": element_attributes()[name]["unit"]
-    for level in ("typical_person", "new", "subject")
-    for name in REFERENCE_OUTCOMES
-}
-UNITS = {name: "N/m" if name.startswith("K") else "N s/m" for name in (*OF_IMPACTS, *OF_PEOPLE)}
-UNITS |= OF_OUTCOMES
-EXPONENTS = ("mass_exponent_K", *OF_SECANTS, "mass_exponent_C")
-_OF_LEVELS = ("K_typical_person", "C_typical_person", "K_new", "C_new", "K_subject", "C_subject")
-COMPARED = (*EXPONENTS, *OF_IMPACTS, *OF_PEOPLE, *_OF_LEVELS, *OF_OUTCOMES)
-_ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
-# Far above rounding, far below any recorder's resolution.
-_SAME = 1e-9
-
-
-def compare_runs(runs: Mapping[str, Fit]) -> pd.DataFrame:
-    """Expected log predictive densities of impacts, people and conditions that a run has not seen.
-
-    By Pareto-smoothed importance sampling, the parameters and effects of what is left out being integrated
-    out; see `by_importance`. Densities of different numbers have no common scale:
-    runs get differences, standard errors and stacking weights only beside runs whose likelihoods are of the
-    same numbers, and ``warning`` says so where some are not.
-
-    Args:
-        runs: at least two, of the same dataset, with names that differ.
-
-    Returns:
-        ``comparison.csv``: a row per scheme and run; ``data`` names the numbers of the density.
-    """
-    groups = of_same_numbers(runs)
-    parts = []
-    for dimension in dict.fromkeys(each for run in runs.values() for each in schemes(run.posterior)):
-        for data, group in zip(_data_names(groups), groups, strict=True):
-            trees = {name: run.posterior for name, run in group.items()}
-            first, *of_others = [schemes(tree) for tree in trees.values()]
-            if not all(dimension in of_one for of_one in (first, *of_others)):
-                continue
-            levels = next(iter(trees.values()))["log_likelihood_of_groups"].dataset.get(dimension, (0, 0))
-            if len(levels) < 2:
-                continue
-            densities = {name: densities_of(tree, dimension) for name, tree in trees.items()}
-            elements = _ELEMENTS.get(dimension, f"levels of {dimension}")
-            scheme = scheme_words(dimension)
-            table = by_importance(densities, first[dimension][1], scheme, elements).assign(data=data)
-            if len(group) == 1:
-                table[["elpd_difference", "se_difference", "weight"]] = np.nan
-            others = [name for name in runs if name not in group]
-            if others:
-                apart = Coded.stated("other-numbers", others=", ".join(others))
-                table["warning"] = [f"{said}; {apart}" if said else apart for said in table["warning"]]
-            parts.append(table)
-    return joined("comparison", parts)
-
-
-def of_same_numbers(runs: Mapping[str, Fit]) -> list[dict[str, Fit]]:
-    """The runs, sorted by what their likelihoods are densities of."""
-    groups: list[dict[str, Fit]] = []
-    for name, run in runs.items():
-        group = next((group for group in groups if _same_numbers(next(iter(group.values())), run)), None)
-        if group is None:
-            groups.append(group := {})
-        group[name] = run
-    return groups
-
-
-def observed_by(fit: Fit) -> str:
-    """What the likelihood is a density of, as observed_data names it."""
-    return "displacement" if fit.about["model"]["likelihood"] in ("arma", "a2") else "deceleration"
-
-
-def _same_numbers(first: Fit, second: Fit) -> bool:
-    quantity = observed_by(first)
-    if quantity != observed_by(second):
-        return False
-    a, b = (fit.posterior["observed_data"].dataset[quantity] for fit in (first, second))
-    if a.shape != b.shape or a["impact"].to_numpy().tolist() != b["impact"].to_numpy().tolist():
-        return False
-    x, y = a.to_numpy(), b.to_numpy()
-    return bool(np.allclose(x, y, rtol=0, atol=_SAME * np.nanmax(np.abs(x)), equal_nan=True))
-
-
-def _data_names(groups: Sequence[Mapping[str, Fit]]) -> list[str]:
-    """The quantity, with the signal options in which the groups differ where the quantity is not enough."""
-    firsts = [next(iter(group.values())) for group in groups]
-    quantities = [observed_by(run) for run in firsts]
-    options = [run.about["model"].get("signal", {}) for run in firsts]
-    names = []
-    for quantity, settings in zip(quantities, options, strict=True):
-        rivals = [o for other, o in zip(quantities, options, strict=True) if other == quantity]
-        differ = [key for key in settings if any(rival.get(key) != settings[key] for rival in rivals)]
-        names.append(", ".join([quantity, *(f"{key} {settings[key]}" for key in differ)]))
-    return names
-
-
-def posteriors_by_run(runs: Mapping[str, Fit]) -> pd.DataFrame:
-    """Median and 90 % interval of what every run estimates, whatever its likelihood is a density of.
-
-    Mass exponents, of K also that at a common depth where K depends on depth; the secant stiffness and
-    equivalent damping of the recorded impacts, which mean the same for every element; and K and C of a
-    typical person, of a new impact on a new person and of every person, at the run's own reference mass;
-    outcomes of the reference impact on a typical and on every person, which mean the same for every element.
-    ``of`` says what an interval is of: that of these impacts together is narrow however much people differ. A
-    run whose model lacks a quantity has no row for it; one with a discrepancy none of K, the element's own.
-
-    Returns:
-        ``posteriors.csv``, the rows of one quantity together.
-    """
-    table = joined("posteriors", [part for name, run in runs.items() for part in _quantiles(name, run)])
-    order = table.assign(
-        _variable=table["variable"].map(COMPARED.index), _run=table["run"].map(list(runs).index)
-    )
-    ordered = order.sort_values(["_variable", "label", "_run"], kind="stable").index
-    return table.loc[ordered].reset_index(drop=True)
-
-
-def _quantiles(run: str, fit: Fit) -> list[pd.DataFrame]:
-    posterior = fit.posterior["posterior"].dataset
-    of_impacts = fit.posterior["constant_data"].dataset["impact_subject"].astype(str).to_numpy()
-    typical = {name: posterior[name] for name in COMPARED if name in posterior}
-    if element_alone(posterior):
-        # Beside a discrepancy K is the element's own part of the force.
-        typical = {name: values for name, values in typical.items() if not of_element_alone(name)}
-    people = len(np.unique(of_impacts))
-    tables = []
-    for name, array in {**comparable_draws(posterior, of_impacts), **typical, **_outcomes(fit)}.items():
-        by_person = "subject" in array.dims
-        ordered = array.transpose("chain", ..., *(["subject"] if by_person else [])).to_numpy()
-        flat = ordered.reshape(-1, array.sizes["subject"] if by_person else 1)
-        low, median, high = np.percentile(flat, [5, 50, 95], axis=0)
-        labels = array["subject"].astype(str).to_numpy().tolist() if by_person else [""]
-        unit = UNITS.get(name) or (ATTRIBUTES | element_attributes())[name]["unit"]
-        person = meaning(name, people=people).level
-        table = pd.DataFrame(
-            {"label": labels, "median": median, "eti90_low": low, "eti90_high": high, "variable": name}
-        )
-        tables.append(table.assign(of=person, unit=unit, run=run, draws=len(flat)))
-    return tables
-
-
-def _outcomes(fit: Fit) -> dict[str, xr.DataArray]:
-    """`OF_OUTCOMES`, [chain, draw] or [chain, draw, subject]; none without a law or a velocity."""
-    run = fit.finished
-    if run.law is None:
-        return {}
-    people = run.recorded.levels("subject") if run.recorded.tells_people else []
-    conditions = [{}, *({"subject": person} for person in people)]
-    values = run.law.reference_outcomes(run.posterior, run.recorded, conditions)
-    new = predicted(run, [{}]).draws.isel(row=0) if values else {}
-    outcomes = {}
-    for name, draws in values.items():
-        by_chain = draws[None]
-        outcomes[f"{name}_typical_person"] = xr.DataArray(by_chain[..., 0], dims=("chain", "draw"))
-        outcomes[f"{name}_new"] = new[name].drop_vars("row")
-        if people:
-            outcomes[f"{name}_subject"] = xr.DataArray(
-                by_chain[..., 1:], {"subject": people}, ("chain", "draw", "subject")
-            )
-    return outcomes
-
-
-def same_questions(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFrame:
-    """What every run answers to the same: its ratios between levels of K and C, and its questions.
-
-    Args:
-        tables: by run, those of ``contrasts`` and ``questions`` that it has, and further ones of
-            ``questions`` under any name.
-
-    Returns:
-        ``answers.csv``, the rows of one question together.
-    """
-    parts = []
-    for run, of_run in tables.items():
-        for name, frame in of_run.items():
-            if name == "contrasts":
-                factors = frame["factor"] + " " + frame["level"] + " over " + frame["against"]
-                rows = frame.assign(
-                    question=frame["quantity"] + ", " + factors, kind="ratio", value=frame["ratio"]
-                )
-            else:
-                claim = frame["posterior"].notna()
-                value = frame["posterior"].where(claim, frame["median"])
-                kind = frame["unit"].fillna("").where(~claim, "probability")
-                # A choice has an answer for each level.
-                level = frame["level"].fillna("")
-                question = frame["question"] + level.where(level == "", ": " + level)
-                rows = frame.assign(question=question, kind=kind, value=value)[value.notna()]
-            parts.append(rows.assign(run=run)[columns_of("answers")])
-    table = joined("answers", parts).drop_duplicates(["question", "run"], ignore_index=True)
-    order = {question: at for at, question in enumerate(dict.fromkeys(table["question"]))}
-    return table.sort_values(
-        "question", key=lambda column: column.map(order), kind="stable", ignore_index=True
-    )

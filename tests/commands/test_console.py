@@ -18,7 +18,8 @@ from bayestissue import cli, runtime
 from bayestissue.commands import datasets, finished_runs
 from bayestissue.commands.console import Grid, echo, plain, show
 from bayestissue.errors import InputError, Problem, has_control_characters, printable
-from bayestissue.estimating import Estimates
+from bayestissue.report.estimates_page import Estimates
+from bayestissue.report.tables import Row, Table, columns
 
 BAD = "[/red]a\x1b]0;title\x07b\x9b2Jc\u202ed\x00"
 SHOWN = "[/red]a\\u001b]0;title\\u0007b\\u009b2Jc\\u202ed\\u0000"
@@ -105,7 +106,8 @@ def test_first_cells_that_begin_alike_are_told_apart_on_a_narrow_terminal(monkey
     monkeypatch.setenv("COLUMNS", "50")
     starts = "K[side=left, session=before, group=treated] / K[side="
     cells = [[f"{starts}{end}]", "1.1", "1.0", "1.2"] for end in ("left", "right")]
-    show(Grid("numbers", ["quantity", "median", "from", "to"], cells, words=("quantity",)))
+    numbers = ("median", "from", "to")
+    show(Grid("numbers", Table(columns("quantity", *numbers, number=numbers), list(map(Row, cells)))))
     said = re.sub(r"[\s│┃]", "", capsys.readouterr().out)
     assert "left]" in said
     assert "right]" in said

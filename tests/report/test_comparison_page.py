@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.comparing import same_questions
 from bayestissue.errors import InputError
+from bayestissue.inference.comparing import same_questions
 from bayestissue.report import write_report
 from bayestissue.report.comparison import answers_figure, answers_table
 from bayestissue.results.tables import table_of_rows

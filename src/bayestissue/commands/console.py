@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
+from typing import TYPE_CHECKING, Any
 
+import rich.table
 import typer
 from rich.console import Console
 from rich.measure import Measurement
@@ -20,10 +21,12 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
 from rich.text import Text
 
 from bayestissue.errors import printable
+
+if TYPE_CHECKING:
+    from bayestissue.report.tables import Table
 
 
 @dataclass(frozen=True)
@@ -58,32 +61,25 @@ def plain(text: str, style: str = "") -> Text:
 
 @dataclass(frozen=True)
 class Grid:
-    """A table of texts of any origin.
+    """A table of texts of any origin, with a title above it.
 
-    Attributes:
-        title: above it.
-        headings: of the columns; none are shown where all are empty.
-        rows: the cells of each.
-        words: the headings of columns that are set to the left; that of the first unless given. Others are
-            set to the right. The first column breaks long words.
+    Headings are not shown where all are empty. The first column breaks long words.
     """
 
     title: str
-    headings: Sequence[str]
-    rows: Iterable[Iterable[str]]
-    words: Collection[str] | None = None
+    table: Table
 
-    def drawn(self) -> Table:
+    def drawn(self) -> rich.table.Table:
         """As rich prints it."""
-        table = Table(title=plain(self.title), title_justify="left", show_header=any(self.headings))
-        for number, heading in enumerate(self.headings):
-            left = number == 0 if self.words is None else heading in self.words
+        columns = self.table.columns
+        headed = any(column.title for column in columns)
+        table = rich.table.Table(title=plain(self.title), title_justify="left", show_header=headed)
+        for place, column in enumerate(columns):
+            side: Any = "right" if column.kind == "number" else "left"
             # Two rows whose first cells begin alike are told apart by the ends of these cells.
-            table.add_column(
-                heading, justify="left" if left else "right", overflow="ellipsis" if number else "fold"
-            )
-        for row in self.rows:
-            table.add_row(*map(plain, row))
+            table.add_column(column.title, justify=side, overflow="ellipsis" if place else "fold")
+        for row in self.table.rows:
+            table.add_row(*map(plain, row.cells))
         return table
 
 

@@ -18,17 +18,18 @@ from bayestissue.words import Words
 if TYPE_CHECKING:
     from bayestissue.checking import Check
     from bayestissue.commands.console import Shown
-    from bayestissue.estimating import Estimates
+    from bayestissue.report.estimates_page import Estimates
 
 
 def _of_check(checked: Check) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid, Heading
     from bayestissue.report.recordings_pages import kinds
+    from bayestissue.report.tables import Row, Table, columns
 
     data, nouns = checked.dataset, Words(checked.dataset.words)
     rows = (*checked.summary, *(("note", words) for words in checked.notes))
     title = f"{data.name}: {checked.verdict}"
-    yield Grid(title, ("", ""), [(nouns(name), nouns(words)) for name, words in rows], words=("",))
+    yield Grid(title, Table(columns("", ""), [Row((nouns(name), nouns(words))) for name, words in rows]))
     for heading, problems in (("Left out", data.left_out), ("Warnings", checked.warnings)):
         if problems:
             yield Heading(f"{heading}:")
@@ -65,6 +66,7 @@ def check(dataset: DatasetFolder, *, call: Call) -> Check:
 def _of_estimates(estimates: Estimates) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
     from bayestissue.inference.points.notes import people_alone, said_once
+    from bayestissue.report.tables import Row, Table, columns
     from bayestissue.report.wording import estimated
 
     left_out = estimates.dataset.left_out
@@ -72,10 +74,11 @@ def _of_estimates(estimates: Estimates) -> Iterator[Shown]:
     rows, people = [], people_alone(estimates)
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
         low, median, high = people[name].quantile([0.05, 0.5, 0.95])
-        rows.append((words, *estimated(median, low, high)))
+        rows.append(Row((words, *estimated(median, low, high))))
     which = "these impacts" if len(people) == len(estimates) else "people's impacts"
     title = f"{estimates.dataset.name}: {counted(len(estimates), 'impact')}, {flagged} flagged"
-    yield Grid(title, (which, "median", "5 % below", "95 % below"), rows)
+    numbers = ("median", "5 % below", "95 % below")
+    yield Grid(title, Table(columns(which, *numbers, number=numbers), rows))
     if estimates["K_N_per_m"].isna().all():
         remedies = (entries()[code] for code in codes_in("; ".join(estimates["flags"])))
         yield " ".join(["No impact has K.", *(f"{entry.title}: {entry.remedy}" for entry in remedies)])
@@ -103,9 +106,9 @@ def estimate(
         model: A model, by name or as a file, as in fit; its [signal] table says where contact is in the
             recordings, and which part of them is used.
     """
-    from bayestissue import estimating
     from bayestissue.dataset import read_dataset
     from bayestissue.inference.execution.workers import on_cluster
+    from bayestissue.report import estimates_page
     from bayestissue.resources import model_file
     from bayestissue.signal import SignalOptions, read_signal_options
 
@@ -114,7 +117,7 @@ def estimate(
     data = read_dataset(dataset, skip_bad=call.skip_bad)
     call.patience_s = 30.0
     with on_cluster(call.scheduler):
-        estimates = estimating.estimate(data, method=method, options=options, say=call.say)
+        estimates = estimates_page.estimate(data, method=method, options=options, say=call.say)
     estimates.file = file
     return estimates
 

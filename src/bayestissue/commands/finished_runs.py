@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,33 +24,6 @@ if TYPE_CHECKING:
     from bayestissue.commands.console import Shown
     from bayestissue.comparing import Comparison
     from bayestissue.finished import Fit
-
-_OF_CLAIMS = {
-    "posterior": "{value:.3f}",
-    "prior": "{value:.3f}",
-    "bayes_factor": "{value:.3g}",
-    "mcse": "{value:.2g}",
-}
-_OF_NUMBERS = ("median", "low", "high")
-_OF_CHOICES = {
-    "posterior": "{value:.3f}",
-    "rank_low": "{value:g}",
-    "rank_high": "{value:g}",
-    "expected_loss": "{value:.3g}",
-}
-# "from" and "to" stand beside a median.
-_HEADINGS = {
-    "bayes_factor": "Bayes factor",
-    "mcse": "Monte Carlo error",
-    "low": "from",
-    "high": "to",
-    "rank_low": "best rank",
-    "rank_high": "worst rank",
-    "expected_loss": "expected loss",
-}
-
-_DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
-_OFF_BEST = {"elpd_difference": "off the best", "se_difference": "its se"}
 
 
 def _made(fit: Fit, name: str, table: pd.DataFrame, words: Callable[..., Iterator[Shown]]) -> Made:
@@ -258,43 +231,46 @@ def compare(
 
 def of_answers(answers: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     """Claims and numbers, each as a table, and under them what is to be said of single ones."""
-    import pandas as pd
-
     from bayestissue.commands.console import Grid
     from bayestissue.declarations import filled, general
+    from bayestissue.report.tables import Field, number_field, table_of
     from bayestissue.report.wording import estimated
 
+    def number(title: str, column: str, form: str) -> Field:
+        return number_field(title, column, lambda value: filled(form, value=value))
+
+    def of_interval(title: str, place: int) -> Field:
+        def cell(row: Mapping[Any, Any]) -> str:
+            text = estimated(row["median"], row["low"], row["high"])[place]
+            return "" if text == "nan" else text
+
+        return Field(title, cell, "number")
+
+    of_number = [of_interval(title, place) for place, title in enumerate(("median", "from", "to"))]
+    of_claim = (
+        number("posterior", "posterior", "{value:.3f}"),
+        number("prior", "prior", "{value:.3f}"),
+        number("Bayes factor", "bayes_factor", "{value:.3g}"),
+        number("Monte Carlo error", "mcse", "{value:.2g}"),
+    )
+    of_choice = (
+        number("is best", "posterior", "{value:.3f}"),
+        number("best rank", "rank_low", "{value:g}"),
+        number("worst rank", "rank_high", "{value:g}"),
+        number("expected loss", "expected_loss", "{value:.3g}"),
+    )
+    mcse = Field("Monte Carlo error", lambda row: general(row["mcse"], 2), "number")
     chosen = answers["level"] != ""
     numbers = ~chosen & answers["median"].notna()
     claims = ~chosen & ~numbers
-
-    def cells(row: Mapping[Any, Any], forms: Mapping[str, str]) -> list[str]:
-        return [filled(form, value=row[name]) if pd.notna(row[name]) else "" for name, form in forms.items()]
-
-    def numbers_of(row: Mapping[Any, Any]) -> list[str]:
-        texts = estimated(*(row[name] for name in _OF_NUMBERS))
-        return ["" if text == "nan" else text for text in texts]
-
-    def headings(forms: Iterable[str]) -> list[str]:
-        return [_HEADINGS.get(name, name) for name in forms]
-
     if claims.any():
-        rows = [[row["question"], *cells(row, _OF_CLAIMS)] for row in answers[claims].to_dict("records")]
-        yield Grid("probability of each claim", ["claim", *headings(_OF_CLAIMS)], rows)
+        table = table_of(answers[claims], Field("claim", "question"), *of_claim)
+        yield Grid("probability of each claim", table)
     if numbers.any():
-        rows = [
-            [row["question"], *numbers_of(row), row["unit"], general(row["mcse"], 2)]
-            for row in answers[numbers].to_dict("records")
-        ]
-        names = ["quantity", *headings(_OF_NUMBERS), "unit", _HEADINGS["mcse"]]
-        yield Grid("median and 90 % interval", names, rows, words=("quantity", "unit"))
+        table = table_of(answers[numbers], Field("quantity", "question"), *of_number, Field("unit"), mcse)
+        yield Grid("median and 90 % interval", table)
     for question, levels in answers[chosen].groupby("question", sort=False):
-        rows = [
-            [row["level"], *numbers_of(row), *cells(row, _OF_CHOICES), row["unit"]]
-            for row in levels.to_dict("records")
-        ]
-        names = ["level", *headings(_OF_NUMBERS), "is best", *headings(_OF_CHOICES)[1:], "unit"]
-        yield Grid(str(question), names, rows, words=("level", "unit"))
+        yield Grid(str(question), table_of(levels, Field("level"), *of_number, *of_choice, Field("unit")))
     for question, of_question in answers.groupby("question", sort=False):
         for who, note in _notes(of_question):
             yield f"  {', '.join([str(question), *who])}: {nouns(note)}"
@@ -321,16 +297,18 @@ def _counts(table: pd.DataFrame) -> str:
 def of_predictions(predictions: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     """The median of each quantity with its 90 % interval, and under the table what each row was given."""
     from bayestissue.commands.console import Grid
+    from bayestissue.report.tables import Field, table_of
     from bayestissue.report.wording import FIRST_PREDICTED, covariate_words, predicted_words
 
-    headings = [f"{heading.removeprefix('time ')} ({unit})" for heading, unit, _ in FIRST_PREDICTED.values()]
-    rows = predictions.to_dict("records")
-    cells = (
-        [str(number), *("\n".join(predicted_words(row, name)) for name in FIRST_PREDICTED)]
-        for number, row in enumerate(rows, start=1)
-    )
-    yield Grid(nouns("a new impact: median and 90 % interval"), ["row", *headings], cells)
-    for number, row in enumerate(rows, start=1):
+    def quantity(name: str) -> Field:
+        heading, unit, _ = FIRST_PREDICTED[name]
+        title = f"{heading.removeprefix('time ')} ({unit})"
+        return Field(title, lambda row: "\n".join(predicted_words(row[1], name)), "number")
+
+    rows = list(enumerate(predictions.to_dict("records"), start=1))
+    table = table_of(rows, Field("row", lambda row: str(row[0])), *map(quantity, FIRST_PREDICTED))
+    yield Grid(nouns("a new impact: median and 90 % interval"), table)
+    for number, row in rows:
         words = [covariate_words(row)]
         words += [f"new: {row['new']}"] * bool(row["new"]) + [nouns(row["note"])] * bool(row["note"])
         yield f"  row {number}: {'; '.join(words)}"
@@ -339,25 +317,19 @@ def of_predictions(predictions: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
 
 def of_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame) -> Iterator[Shown]:
     """The two tables; see `bayestissue.comparing`."""
-    import pandas as pd
-
     from bayestissue.commands.console import SCREEN, Grid
-    from bayestissue.comparing import OF_OUTCOMES
+    from bayestissue.inference.comparing import OF_OUTCOMES
+    from bayestissue.report.tables import Field, number_field, table_of
 
-    words = ["model"] + (["data"] if len(comparison["data"].unique()) > 1 else [])
-    headings = [
-        *("run" if name == "model" else name for name in words),
-        *(_OFF_BEST.get(k, k) for k in _DIGITS),
-    ]
+    data = [Field("data")] if len(comparison["data"].unique()) > 1 else []
+    numbers = (
+        number_field("elpd", words="{:.1f}".format),
+        number_field("off the best", "elpd_difference", "{:.1f}".format),
+        number_field("its se", "se_difference", "{:.1f}".format),
+        number_field("weight", words="{:.2f}".format),
+    )
     for scheme, rows in comparison.groupby("scheme", sort=False):
-        cells = (
-            [
-                *(row[k] for k in words),
-                *(f"{row[k]:.{d}f}" if pd.notna(row[k]) else "" for k, d in _DIGITS.items()),
-            ]
-            for row in rows.to_dict("records")
-        )
-        yield Grid(str(scheme), headings, cells, words=("run", "data"))
+        yield Grid(str(scheme), table_of(rows, Field("run", "model"), *data, *numbers))
         for row in rows[rows["warning"] != ""].to_dict("records"):
             yield f"  {row['model']}: {row['warning']}"
     yield more(codes_in("; ".join(comparison["warning"])))

@@ -25,24 +25,29 @@ def _of_plan(plan: Plan) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
     from bayestissue.outline import numbers_in_short
     from bayestissue.planning.words import duration
+    from bayestissue.report.tables import Row, Table, columns
     from bayestissue.report.wording import nouns_of_plan, with_error
 
     designs = plan.content["designs"]
     goals = [name.replace("_", " ") for name in designs[0]["goals"]]
     recorders = ["recorder"] if designs[0]["recorder"] else []
-    headings = [nouns_of_plan(plan.content)("people"), "kg", "m/s", "repeats", *recorders, "takes", *goals]
+    people = nouns_of_plan(plan.content)("people")
+    headings = ["kg", "m/s", "repeats", *recorders, "takes", *goals]
     rows = [
-        [
-            str(design["people"]),
-            *(numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")),
-            str(design["repeats"]),
-            *(design[name] for name in recorders),
-            duration(design["minutes"]),
-            *(with_error(goal["answered"], goal["se"]) for goal in design["goals"].values()),
-        ]
+        Row(
+            (
+                str(design["people"]),
+                *(numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")),
+                str(design["repeats"]),
+                *(design[name] for name in recorders),
+                duration(design["minutes"]),
+                *(with_error(goal["answered"], goal["se"]) for goal in design["goals"].values()),
+            )
+        )
         for design in designs
     ]
-    yield Grid(f"{plan.content['plan']['name']}: the probability of an answer", headings, rows)
+    table = Table(columns(people, *headings, number=headings), rows)
+    yield Grid(f"{plan.content['plan']['name']}: the probability of an answer", table)
     yield plan.answer
     yield plan.content["warning"]
     yield more(codes_in(plan.content["warning"]))

@@ -1,10 +1,10 @@
-"""Models of the same data side by side: leave-one-out scores and stacking weights."""
+"""Models of the same data side by side: leave-one-out scores, stacking weights, posteriors, answers."""
 
 from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,25 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.errors import Coded
-from bayestissue.inference.results.cross_validation import above_limit, high, leave_one_out
-from bayestissue.results.tables import columns_of
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.predictions import predicted
+from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
+from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
+from bayestissue.inference.results.cross_validation import (
+    above_limit,
+    densities_of,
+    high,
+    leave_one_out,
+    scheme_words,
+    schemes,
+)
+from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
+from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, meaning
+from bayestissue.inference.samplers.diagnostics import of_element_alone
+from bayestissue.results.tables import columns_of, joined
+
+type Trees = Mapping[str, xr.DataTree]
+type Models = Mapping[str, Mapping[str, Any]]
 
 # Of comparison.csv, whose further column says what data the densities are of.
 COLUMNS = [name for name in columns_of("comparison") if name != "data"]
@@ -116,3 +133,203 @@ def _standard_errors(values: Float[np.ndarray, "model element"]) -> Float[np.nda
     count = values.shape[1]
     # One value tells nothing of how they scatter.
     return np.sqrt(count * values.var(axis=1, ddof=1)) if count > 1 else np.full(len(values), np.nan)
+
+
+# By what it is called: the unit of an outcome of the reference impact.
+OF_OUTCOMES = {
+    f"{name}_{level}": element_attributes()[name]["unit"]
+    for level in ("typical_person", "new", "subject")
+    for name in REFERENCE_OUTCOMES
+}
+_UNITS = OF_OUTCOMES | {
+    name: "N/m" if name.startswith("K") else "N s/m" for name in (*OF_IMPACTS, *OF_PEOPLE)
+}
+_OF_LEVELS = ("K_typical_person", "C_typical_person", "K_new", "C_new", "K_subject", "C_subject")
+COMPARED = (
+    *("mass_exponent_K", *OF_SECANTS, "mass_exponent_C"),
+    *OF_IMPACTS,
+    *OF_PEOPLE,
+    *_OF_LEVELS,
+    *OF_OUTCOMES,
+)
+_ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
+# Far above rounding, far below any recorder's resolution.
+_SAME = 1e-9
+
+
+def compare_runs(trees: Trees, models: Models) -> pd.DataFrame:
+    """Expected log predictive densities of impacts, people and conditions that a run has not seen.
+
+    By Pareto-smoothed importance sampling, the parameters and effects of what is left out being integrated
+    out; see `by_importance`. Densities of different numbers have no common scale:
+    runs get differences, standard errors and stacking weights only beside runs whose likelihoods are of the
+    same numbers, and ``warning`` says so where some are not.
+
+    Args:
+        trees: of at least two runs of the same dataset, by name, the groups of ``posterior.nc``.
+        models: of each as ``run.json`` has it.
+
+    Returns:
+        ``comparison.csv``: a row per scheme and run; ``data`` names the numbers of the density.
+    """
+    groups = of_same_numbers(trees, models)
+    names = _data_names([models[group[0]] for group in groups])
+    parts = []
+    for dimension in dict.fromkeys(each for tree in trees.values() for each in schemes(tree)):
+        for data, group in zip(names, groups, strict=True):
+            first, *of_others = [schemes(trees[name]) for name in group]
+            if not all(dimension in of_one for of_one in (first, *of_others)):
+                continue
+            levels = trees[group[0]]["log_likelihood_of_groups"].dataset.get(dimension, (0, 0))
+            if len(levels) < 2:
+                continue
+            densities = {name: densities_of(trees[name], dimension) for name in group}
+            elements = _ELEMENTS.get(dimension, f"levels of {dimension}")
+            scheme = scheme_words(dimension)
+            table = by_importance(densities, first[dimension][1], scheme, elements).assign(data=data)
+            if len(group) == 1:
+                table[["elpd_difference", "se_difference", "weight"]] = np.nan
+            others = [name for name in trees if name not in group]
+            if others:
+                apart = Coded.stated("other-numbers", others=", ".join(others))
+                table["warning"] = [f"{said}; {apart}" if said else apart for said in table["warning"]]
+            parts.append(table)
+    return joined("comparison", parts)
+
+
+def of_same_numbers(trees: Trees, models: Models) -> list[list[str]]:
+    """The names of runs, sorted by what their likelihoods are densities of."""
+    groups: list[list[str]] = []
+    for name, model in models.items():
+        quantity = observed_by(model)
+        for group in groups:
+            if quantity == observed_by(models[group[0]]) and _same_numbers(
+                *(trees[one]["observed_data"].dataset[quantity] for one in (group[0], name))
+            ):
+                group.append(name)
+                break
+        else:
+            groups.append([name])
+    return groups
+
+
+def observed_by(model: Mapping[str, Any]) -> str:
+    """What the likelihood of a model is a density of, as observed_data names it."""
+    return "displacement" if model["likelihood"] in ("arma", "a2") else "deceleration"
+
+
+def _same_numbers(a: xr.DataArray, b: xr.DataArray) -> bool:
+    if a.shape != b.shape or a["impact"].to_numpy().tolist() != b["impact"].to_numpy().tolist():
+        return False
+    x, y = a.to_numpy(), b.to_numpy()
+    return bool(np.allclose(x, y, rtol=0, atol=_SAME * np.nanmax(np.abs(x)), equal_nan=True))
+
+
+def _data_names(models: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The quantity, with the signal options in which models differ where the quantity is not enough."""
+    quantities = [observed_by(model) for model in models]
+    options = [model.get("signal", {}) for model in models]
+    names = []
+    for quantity, settings in zip(quantities, options, strict=True):
+        rivals = [o for other, o in zip(quantities, options, strict=True) if other == quantity]
+        differ = [key for key in settings if any(rival.get(key) != settings[key] for rival in rivals)]
+        names.append(", ".join([quantity, *(f"{key} {settings[key]}" for key in differ)]))
+    return names
+
+
+def posteriors_by_run(runs: Mapping[str, Finished]) -> pd.DataFrame:
+    """Median and 90 % interval of what every run estimates, whatever its likelihood is a density of.
+
+    Mass exponents, of K also that at a common depth where K depends on depth; the secant stiffness and
+    equivalent damping of the recorded impacts, which mean the same for every element; and K and C of a
+    typical person, of a new impact on a new person and of every person, at the run's own reference mass;
+    outcomes of the reference impact on a typical and on every person, which mean the same for every element.
+    ``of`` says what an interval is of: that of these impacts together is narrow however much people differ. A
+    run whose model lacks a quantity has no row for it; one with a discrepancy none of K, the element's own.
+
+    Returns:
+        ``posteriors.csv``, the rows of one quantity together.
+    """
+    table = joined("posteriors", [part for name, run in runs.items() for part in _quantiles(name, run)])
+    order = table.assign(
+        _variable=table["variable"].map(COMPARED.index), _run=table["run"].map(list(runs).index)
+    )
+    ordered = order.sort_values(["_variable", "label", "_run"], kind="stable").index
+    return table.loc[ordered].reset_index(drop=True)
+
+
+def _quantiles(name_of_run: str, run: Finished) -> list[pd.DataFrame]:
+    posterior, of_impacts = run.posterior, run.recorded.rows["subject"].to_numpy(str)
+    typical = {name: posterior[name] for name in COMPARED if name in posterior}
+    if run.element_alone:
+        # Beside a discrepancy K is the element's own part of the force.
+        typical = {name: values for name, values in typical.items() if not of_element_alone(name)}
+    people = len(np.unique(of_impacts))
+    tables = []
+    for name, array in {**comparable_draws(posterior, of_impacts), **typical, **_outcomes(run)}.items():
+        by_person = "subject" in array.dims
+        ordered = array.transpose("chain", ..., *(["subject"] if by_person else [])).to_numpy()
+        flat = ordered.reshape(-1, array.sizes["subject"] if by_person else 1)
+        low, median, high = np.percentile(flat, [5, 50, 95], axis=0)
+        labels = array["subject"].astype(str).to_numpy().tolist() if by_person else [""]
+        unit = _UNITS.get(name) or (ATTRIBUTES | element_attributes())[name]["unit"]
+        person = meaning(name, people=people).level
+        table = pd.DataFrame(
+            {"label": labels, "median": median, "eti90_low": low, "eti90_high": high, "variable": name}
+        )
+        tables.append(table.assign(of=person, unit=unit, run=name_of_run, draws=len(flat)))
+    return tables
+
+
+def _outcomes(run: Finished) -> dict[str, xr.DataArray]:
+    """`OF_OUTCOMES`, [chain, draw] or [chain, draw, subject]; none without a law or a velocity."""
+    if run.law is None:
+        return {}
+    people = run.recorded.levels("subject") if run.recorded.tells_people else []
+    conditions = [{}, *({"subject": person} for person in people)]
+    values = run.law.reference_outcomes(run.posterior, run.recorded, conditions)
+    new = predicted(run, [{}]).draws.isel(row=0) if values else {}
+    outcomes = {}
+    for name, draws in values.items():
+        by_chain = draws[None]
+        outcomes[f"{name}_typical_person"] = xr.DataArray(by_chain[..., 0], dims=("chain", "draw"))
+        outcomes[f"{name}_new"] = new[name].drop_vars("row")
+        if people:
+            outcomes[f"{name}_subject"] = xr.DataArray(
+                by_chain[..., 1:], {"subject": people}, ("chain", "draw", "subject")
+            )
+    return outcomes
+
+
+def same_questions(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataFrame:
+    """What every run answers to the same: its ratios between levels of K and C, and its questions.
+
+    Args:
+        tables: by run, those of ``contrasts`` and ``questions`` that it has, and further ones of
+            ``questions`` under any name.
+
+    Returns:
+        ``answers.csv``, the rows of one question together.
+    """
+    parts = []
+    for run, of_run in tables.items():
+        for name, frame in of_run.items():
+            if name == "contrasts":
+                factors = frame["factor"] + " " + frame["level"] + " over " + frame["against"]
+                rows = frame.assign(
+                    question=frame["quantity"] + ", " + factors, kind="ratio", value=frame["ratio"]
+                )
+            else:
+                claim = frame["posterior"].notna()
+                value = frame["posterior"].where(claim, frame["median"])
+                kind = frame["unit"].fillna("").where(~claim, "probability")
+                # A choice has an answer for each level.
+                level = frame["level"].fillna("")
+                question = frame["question"] + level.where(level == "", ": " + level)
+                rows = frame.assign(question=question, kind=kind, value=value)[value.notna()]
+            parts.append(rows.assign(run=run)[columns_of("answers")])
+    table = joined("answers", parts).drop_duplicates(["question", "run"], ignore_index=True)
+    order = {question: at for at, question in enumerate(dict.fromkeys(table["question"]))}
+    return table.sort_values(
+        "question", key=lambda column: column.map(order), kind="stable", ignore_index=True
+    )

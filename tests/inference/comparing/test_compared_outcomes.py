@@ -6,12 +6,11 @@ import numpy as np
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from bayestissue.comparing import posteriors_by_run, same_questions
-from bayestissue.finished import Fit
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ask_what_can_be, numbered
+from bayestissue.inference.comparing import posteriors_by_run, same_questions
 from bayestissue.report.comparison import outcome_figures
 from designs import REFERENCE, impacts
 
@@ -22,7 +21,7 @@ EFFECTS = {"s0": -0.3, "s1": 0.0, "s2": 0.1, "s3": 0.2}
 ENDS = ["eti90_low", "median", "eti90_high"]
 
 
-def run(name: str, log_K: float, mass: float = REFERENCE, *, discrepancy: bool = False) -> Fit:
+def run(name: str, log_K: float, mass: float = REFERENCE, *, discrepancy: bool = False) -> Finished:
     rows = impacts().assign(velocity_m_s=V).drop(columns="impact")
     rng = np.random.default_rng(len(name))
     effects = np.array(list(EFFECTS.values())) + 0.01 * rng.standard_normal((*SHAPE, 4))
@@ -37,19 +36,15 @@ def run(name: str, log_K: float, mass: float = REFERENCE, *, discrepancy: bool =
         {"subject": list(EFFECTS), "chain": np.arange(SHAPE[0]), "draw": np.arange(SHAPE[1])},
     )
     recorded = Recorded(rows, {"K": "(1|subject)", "C": "1"}, mass)
-    constants = xr.Dataset({"impact_subject": ("impact", rows["subject"].to_numpy())})
-    tree = xr.DataTree.from_dict({"posterior": posterior, "constant_data": constants})
-    fit = Fit({"model": {"likelihood": "impact"}}, tree, {}, {}.__getitem__)
-    vars(fit)["finished"] = Finished(posterior, None, recorded, discrepancy=discrepancy)
-    return fit
+    return Finished(posterior, None, recorded, discrepancy=discrepancy)
 
 
-def runs(**further: bool) -> dict[str, Fit]:
+def runs(**further: bool) -> dict[str, Finished]:
     return {"soft": run("soft", 7.5), "stiffer": run("stiffer", 8.0, **further)}
 
 
-def depth(run: Fit, person: str = "") -> np.ndarray:
-    posterior = run.posterior["posterior"].dataset
+def depth(run: Finished, person: str = "") -> np.ndarray:
+    posterior = run.posterior
     log_K = posterior["intercept_K"]
     if person:
         log_K = log_K + posterior["subject_effect_K"].sel(subject=person)
@@ -83,7 +78,7 @@ def test_outcomes_of_a_new_person_hold_how_people_and_impacts_differ() -> None:
     assert row["of"] == "a new impact on a new person at the reference impact"
     # One route: what `predict` says of an impact of which nothing is given.
     column = "peak_displacement_m"
-    told = predict(one.finished, [{}]).iloc[0][[f"{column}_low", column, f"{column}_high"]]
+    told = predict(one, [{}]).iloc[0][[f"{column}_low", column, f"{column}_high"]]
     assert_allclose(row[ENDS].astype(float), told.astype(float))
     figure, *_ = outcome_figures(posteriors_by_run(runs()))
     assert list(figure.data["label"].drop_duplicates()) == ["typical", "new", *EFFECTS]
@@ -101,9 +96,7 @@ def test_the_same_questions_are_answered_by_each_run() -> None:
     claim, number = f"peak_depth < {limit}", "peak_depth[subject=s2]"
     best = "best(subject, lowest peak_depth)"
     asked = numbered([claim, number, best])
-    answers = same_questions(
-        {name: {"asked": ask_what_can_be(one.finished, asked)} for name, one in runs().items()}
-    )
+    answers = same_questions({name: {"asked": ask_what_can_be(one, asked)} for name, one in runs().items()})
     of = answers.set_index(["question", "run"])
     for name, one in runs().items():
         assert of.loc[(claim, name), "value"] == (depth(one) < limit).mean()
@@ -116,7 +109,7 @@ def test_the_same_questions_are_answered_by_each_run() -> None:
 
 def test_a_run_without_an_answer_has_no_row() -> None:
     asked = {
-        name: {"asked": ask_what_can_be(one.finished, numbered(["peak_depth"]))}
+        name: {"asked": ask_what_can_be(one, numbered(["peak_depth"]))}
         for name, one in runs(discrepancy=True).items()
     }
     assert asked["stiffer"]["asked"]["note"].str.contains("no answer").all()
