@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -239,14 +240,12 @@ def of_answers(answers: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     def number(title: str, column: str, form: str) -> Field:
         return number_field(title, column, lambda value: filled(form, value=value))
 
-    def of_interval(title: str, place: int) -> Field:
-        def cell(row: Mapping[Any, Any]) -> str:
-            text = estimated(row["median"], row["low"], row["high"])[place]
-            return "" if text == "nan" else text
+    def of_interval(place: int, row: Mapping[Any, Any]) -> str:
+        text = estimated(row["median"], row["low"], row["high"])[place]
+        return "" if text == "nan" else text
 
-        return Field(title, cell, "number")
-
-    of_number = [of_interval(title, place) for place, title in enumerate(("median", "from", "to"))]
+    titles = ("median", "from", "to")
+    of_number = [Field(title, partial(of_interval, at), "number") for at, title in enumerate(titles)]
     of_claim = (
         number("posterior", "posterior", "{value:.3f}"),
         number("prior", "prior", "{value:.3f}"),
