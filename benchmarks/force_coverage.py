@@ -23,7 +23,7 @@ from scipy.stats import gmean
 from studies import Fitted, Interval, counted, ends, fitted, sides
 
 from bayestissue.dataset.settings import Uncertainty
-from bayestissue.inference.checking.force import judge_force
+from bayestissue.inference.checking.masses import judge_force
 from bayestissue.simulation import Simulation, simulate
 
 MASSES_KG, VELOCITY = (0.5, 0.7, 0.9, 1.2), 1.4

@@ -23,7 +23,7 @@ from studies import Fitted, Interval, counted, ends, fitted, of_draws, sides
 
 import bayestissue as bt
 from bayestissue.dataset.settings import Uncertainty
-from bayestissue.inference.checking.added_mass import judge_added_mass
+from bayestissue.inference.checking.masses import judge_added_mass
 from bayestissue.inference.quantities.draws import prior_draws
 from bayestissue.simulation import Campaign, Simulation, simulate
 

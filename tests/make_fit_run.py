@@ -391,6 +391,7 @@ def _about(passed: bool, likelihood: str, quantity: str, exponent: float | None)
         "verdict": {
             "passed": passed,
             "words": "All checks passed." if passed else "R-hat is 1.4: the chains disagree.",
+            "doubts": "All checks passed." if passed else "R-hat is 1.4: the chains disagree.",
         },
     }
 

@@ -18,8 +18,8 @@ from bayestissue import fitting
 from bayestissue.fitting import FitJob, resolve
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.inference.checking.findings import ELEMENT_ALONE, Finding, of_element_alone
 from bayestissue.inference.fit import TraceAnalysis
-from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE, of_element_alone
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.report.fit.run import TABLES
 from bayestissue.resources import shared
@@ -232,10 +232,10 @@ def test_structured_residuals_ask_for_a_second_fit(
 
     def judge(prepared, expansions):
         asked.append(prepared.model.discrepancy)
-        return {"passed": False, "error": "offset", "structure_left": 0.1, "words": "The zero is off."} | {
-            "impacts": [str(posterior["impact"].to_numpy()[0])],
-            "of": posterior.sizes["impact"],
-        }
+        impacts = [str(posterior["impact"].to_numpy()[0])]
+        first = "the traces contradict the measuring chain"
+        finding = Finding("measuring-chain", False, "The zero is off.", first, impacts)
+        return finding.record(error="offset", structure_left=0.1, impacts=impacts)
 
     monkeypatch.setattr(fitting, "fit_traces", fit_traces)
     monkeypatch.setattr(fitting, "judge", judge)

@@ -19,8 +19,9 @@ from bayestissue import cli
 from bayestissue.commands.texts import explain
 from bayestissue.errors import Coded, InputError, Problem, more
 from bayestissue.hierarchy.combinations import COMBINATIONS
-from bayestissue.inference.samplers.diagnostics import warned_codes, warnings
-from bayestissue.remedies import codes_in, entries, flags, messages
+from bayestissue.inference.checking.findings import Finding, warned_codes, warnings
+from bayestissue.inference.checking.recordings import flagged_recordings
+from bayestissue.remedies import codes_in, entries, flags, headlines, messages, sentences
 
 SOURCE = Path(bayestissue.__file__).parent
 ROOT = SOURCE.parents[1]
@@ -100,7 +101,8 @@ def test_every_key_of_a_message_is_known() -> None:
         several = [
             key for key in _texts_of(tree) if KEY.fullmatch(key) and key.partition(".")[0] in entries()
         ]
-        assert set(several) <= {*messages(), *flags()}, path.name
+        of_findings = {*sentences(), *(key.rpartition(".")[0] for key in sentences())}
+        assert set(several) <= {*messages(), *flags(), *of_findings}, path.name
 
 
 def _texts_of(tree: ast.Module) -> Iterator[str]:
@@ -139,6 +141,14 @@ def test_every_word_that_warns_is_said() -> None:
     assert set(flags()) <= used
 
 
+def test_every_code_of_a_finding_is_as_grave_as_stated_and_can_be_said() -> None:
+    assert set(headlines()) <= set(entries())
+    of_findings = {key.partition(".")[0] for key in sentences()}
+    assert of_findings <= set(headlines())
+    braces = {name for line in headlines().values() for _, name, _, _ in Formatter().parse(line) if name}
+    assert braces == {"first"}
+
+
 def test_words_keep_their_code_and_are_words() -> None:
     flag = Coded("begins below zero: an offset", "starts-below-zero")
     for same in (copy.deepcopy(flag), pickle.loads(pickle.dumps(flag))):  # noqa: S301
@@ -152,11 +162,11 @@ def test_a_fit_leads_to_its_warnings() -> None:
         "passed": False,
         "checks": [
             {"name": "R-hat", "passed": False, "code": "r-hat"},
-            {"name": "divergent transitions", "passed": True, "code": "divergences"},
+            {"name": "bulk effective sample size", "passed": True, "code": "effective-sample-size"},
         ],
-        "measuring_chain": {"passed": False, "words": "The traces contradict it."},
-        "model_form": {"structured": True, "words": "Another law."},
-        "recordings": {"flagged": {"i7": ["a spike of one to three samples"]}, "words": "NOTE"},
+        "model_form": Finding("model-form", passed=False, words="Another law.").record(),
+        "measuring_chain": Finding("measuring-chain", passed=False, words="They contradict it.").record(),
+        "recordings": flagged_recordings(["i7"], [[Coded.stated("spike")]]),
     }
     assert warned_codes(diagnostics) == [
         "r-hat", "measuring-chain", "model-form", "flagged-recordings", "spike",

@@ -17,8 +17,8 @@ import xarray as xr
 from bayestissue import results, runtime
 from bayestissue.errors import InputError, path_argument
 from bayestissue.hierarchy.specification import ModelSpecification, specification_of
+from bayestissue.inference.checking.findings import verdict_in_words
 from bayestissue.inference.results.meanings import UNITS, symbols
-from bayestissue.inference.samplers.diagnostics import verdict_in_words
 from bayestissue.outline import Rows, short, span
 from bayestissue.paper import WIDTH_MM
 from bayestissue.report.fit.run import TABLES, FitRun

@@ -26,21 +26,28 @@ from bayestissue.hierarchy.specification import Formulas, ModelSpecification, sp
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, too_short, with_discrepancy
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.chain.results import ChainEnd
-from bayestissue.inference.checking import another_element, model_form, sentence
-from bayestissue.inference.checking.force import judge_force
+from bayestissue.inference.checking import another_element, model_form
+from bayestissue.inference.checking.findings import (
+    doubts_in_words,
+    headline,
+    noted,
+    remarks,
+    verdict_in_words,
+    warnings,
+)
+from bayestissue.inference.checking.masses import judge_force, judge_reference
 from bayestissue.inference.checking.measuring_chain import judge
-from bayestissue.inference.checking.recorded_peak import judge_peaks
-from bayestissue.inference.checking.reference import judge_reference
-from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
-from bayestissue.inference.points.notes import (
-    ANOTHER_VELOCITY,
+from bayestissue.inference.checking.recordings import (
     clipped_recordings,
+    contradicted_velocity,
     flagged_recordings,
+    judge_peaks,
     unused_channels,
 )
+from bayestissue.inference.factors.expansions import expanded
+from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
+from bayestissue.inference.points.notes import ANOTHER_VELOCITY
 from bayestissue.inference.results.meanings import COLUMNS, symbols
-from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.results.tables import typed
 from bayestissue.settings import read_text
@@ -52,8 +59,8 @@ if TYPE_CHECKING:
 type Model = str | Path | Mapping[str, Any] | ModelSpecification
 # With so many impacts to look for spoilt recordings takes as long as the fit.
 _MANY = 5000
-# What is no warning, by its key in the diagnostics.
-_REMARKED = ("another_element", "clipped", "channels", "reference")
+# Remarks that the first screen of a page has elsewhere.
+_ELSEWHERE = ("flagged-recordings", "prior-sensitive")
 
 
 def fit(
@@ -456,12 +463,15 @@ class FitJob:
         prepared, form = self.prepared, analysis.diagnostics.get("model_form")
         names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
         # Tissue that is taken along at contact leaves the impactor another velocity than the stated one.
-        explained = (ANOTHER_VELOCITY,) if "added_mass" in analysis.diagnostics else ()
+        if "added_mass" in analysis.diagnostics:
+            flags = [[flag for flag in of_one if flag != ANOTHER_VELOCITY] for of_one in flags]
         entries = {
             "measuring_chain": chain,
-            "model_form": model_form.with_chain(form, chain) if form and chain else form,
+            "model_form": form and model_form.stated(form, chain),
+            "rows": form and model_form.marked_rows(form),
             "recorded_peak": judge_peaks(self.dataset, prepared, analysis.summary),
-            "recordings": flagged_recordings(names, flags, explained),
+            "recordings": flagged_recordings(names, flags),
+            "velocity": contradicted_velocity(flags, chain),
             "clipped": clipped_recordings(names, limited.tolist()),
             "channels": _of_channels(self.dataset, prepared, analysis),
             "reference": prepared.reference and judge_reference(prepared.reference),
@@ -522,9 +532,10 @@ class FitJob:
                 "passed": diagnostics["passed"],
                 "headline": nouns(headline(diagnostics)),
                 "words": nouns(verdict_in_words(diagnostics)),
+                "doubts": nouns(doubts_in_words(diagnostics)),
                 "warned": bool(warnings(diagnostics)),
                 # What is not wrong, but should be known beside a verdict that passed.
-                "remarks": nouns(" ".join(diagnostics[k]["words"] for k in _REMARKED if k in diagnostics)),
+                "remarks": nouns(remarks(diagnostics, _ELSEWHERE)),
             },
         }
 
@@ -549,13 +560,7 @@ def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) 
     if prepared.force:
         posterior, form = analysis.tree["posterior"].dataset, analysis.diagnostics["channels"]["form"]
         return judge_force(prepared.force, posterior, prepared.signal.mass, form)
-    if not dataset.channels:
-        return {}
-    why = prepared.force_unused
-    first = sentence("force.first_unused", channel=dataset.channels[0].name, why=why)
-    # What two channels contradict each other in is said first; that a model has no place for one is not.
-    of_first = {"first": first} if isinstance(why, Coded) else {}
-    return of_first | {"words": unused_channels(dataset.channels, why)}
+    return unused_channels(dataset.channels, prepared.force_unused) if dataset.channels else {}
 
 
 def _agreement(points: pd.DataFrame, summary: pd.DataFrame) -> pd.DataFrame:

@@ -17,9 +17,9 @@ from bayestissue.fitting import resolve
 from bayestissue.hierarchy.force import PreparedForce
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import impact_likelihood
-from bayestissue.inference.checking.force import judge_force
+from bayestissue.inference.checking.findings import headline
+from bayestissue.inference.checking.masses import judge_force
 from bayestissue.inference.factors.expansions import first_guess
-from bayestissue.inference.samplers.diagnostics import headline
 from bayestissue.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
 

@@ -14,7 +14,7 @@ import xarray as xr
 
 import bayestissue as bt
 from bayestissue.dataset.settings import Uncertainty
-from bayestissue.inference.samplers.diagnostics import FORCE_CONTRADICTS
+from bayestissue.inference.checking.findings import FORCE_CONTRADICTS
 from bayestissue.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
 

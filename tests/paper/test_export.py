@@ -16,7 +16,7 @@ from PIL import Image
 
 import bayestissue as bt
 from bayestissue.hierarchy.levels import log_at_levels
-from bayestissue.inference.points.notes import clipped_recordings, flagged_recordings
+from bayestissue.inference.checking.recordings import clipped_recordings, flagged_recordings
 from bayestissue.paper import text
 from bayestissue.paper.documents import write_markdown, write_word
 from bayestissue.paper.text import Text, text_of
@@ -71,7 +71,7 @@ def test_numbers_of_the_text_are_those_of_the_tables(folder: Path, exported: Pat
     assert abs(int(shown[1]) - np.exp(summary.loc["intercept_K", "median"])) <= width / 20
     record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     assert f"seed {record['seed']}" in markdown
-    assert record["verdict"]["words"].rstrip(".") in markdown
+    assert record["verdict"]["doubts"].rstrip(".") in markdown
     ratio = pd.read_csv(folder / "contrasts.csv").query("quantity == 'K' and factor == 'side'").iloc[0]
     assert f"{ratio['level']} over {ratio['against']}, ratio | {ratio['ratio']:.3f}"[:-2] in markdown
 
@@ -124,7 +124,12 @@ def test_an_interaction_stands_in_text_and_table_and_factors_of_equal_levels_apa
 
 
 def test_nothing_is_claimed_where_no_element_describes_the_recordings(run: FitRun) -> None:
-    verdict = {"passed": True, "warned": True, "headline": "Diagnostics passed.", "words": "No element does."}
+    verdict = {
+        "passed": True,
+        "warned": True,
+        "headline": "Diagnostics passed.",
+        "doubts": "No element does.",
+    }
     form = {"model_form": {"undescribed": True}}
     text = text_of(changed(run, diagnostics=run.diagnostics | form, record=run.record | {"verdict": verdict}))
     assert text.sections["Results"][0] == "These results are in doubt: Diagnostics passed. No element does."
@@ -133,7 +138,7 @@ def test_nothing_is_claimed_where_no_element_describes_the_recordings(run: FitRu
 
 
 def test_failed_diagnostics_come_first(run: FitRun) -> None:
-    verdict = {"passed": False, "warned": False, "headline": "Diagnostics failed.", "words": "R-hat 1.2."}
+    verdict = {"passed": False, "warned": False, "headline": "Diagnostics failed.", "doubts": "R-hat 1.2."}
     text = text_of(changed(run, record=run.record | {"verdict": verdict}))
     assert text.sections["Results"][0] == "These results are in doubt: Diagnostics failed. R-hat 1.2."
 
@@ -256,8 +261,8 @@ def test_what_is_there_is_not_replaced(folder: Path, exported: Path) -> None:
 def test_flagged_recordings_are_said_as_a_paper_would(run: FitRun) -> None:
     recordings = flagged_recordings([f"i{n}" for n in range(1, 10)], [[], [], ["spikes"], *[[]] * 6])
     clipped = clipped_recordings(["i1", "i2"], [True, False])
-    words = f"R-hat at most 1.0, no divergences. {recordings['words']} {clipped['words']}"
-    verdict = {"passed": True, "headline": "Diagnostics passed.", "words": words, "warned": False}
+    doubts = "R-hat at most 1.0, no divergences."
+    verdict = {"passed": True, "headline": "Diagnostics passed.", "doubts": doubts, "warned": False}
     said = {"recordings": recordings, "clipped": clipped}
     record, diagnostics = run.record | {"verdict": verdict}, run.diagnostics | said
     sections = text_of(changed(run, record=record, diagnostics=diagnostics)).sections

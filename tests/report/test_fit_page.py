@@ -8,7 +8,8 @@ import pytest
 import xarray as xr
 
 from bayestissue.errors import InputError
-from bayestissue.inference.samplers.diagnostics import headline
+from bayestissue.inference.checking.findings import Finding, headline
+from bayestissue.inference.checking.model_form import stated
 from bayestissue.report import write_report
 from bayestissue.report.fit.page import page_of as fit_page_of
 from bayestissue.report.run_folder import read_about
@@ -241,7 +242,8 @@ def with_diagnostics(folder, **entries):
 
 
 def test_a_contradicted_chain_stands_on_the_first_screen(tmp_path):
-    chain = {"passed": False, "words": "They ask for a velocity 11 % higher.", "impacts": [], "of": 12}
+    words, first = "They ask for a velocity 11 % higher.", "the traces contradict the measuring chain"
+    chain = Finding("measuring-chain", False, words, first).record(impacts=[], of=12)
     html = page_of(with_diagnostics(make_fit_run(tmp_path / "run"), measuring_chain=chain))
     first = plain(first_screen(html))
     assert "The sampler passed, but the traces contradict the measuring chain." in first
@@ -259,7 +261,7 @@ def test_a_chain_that_is_as_declared_is_said_below(tmp_path):
 
 
 def test_no_interval_is_printed_of_traces_that_no_element_describes(tmp_path):
-    form = {"structured": True, "undescribed": True, "words": "No element of this program does."}
+    form = stated({"score": 9.0, "undescribed": True, "discrepancy": 0.3})
     html = page_of(with_diagnostics(make_fit_run(tmp_path / "run"), model_form=form))
     first = first_screen(html)
     assert "No element of this program describes these traces" in first

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
+from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.paper.text import text_of
 from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, estimates, figures, population, words

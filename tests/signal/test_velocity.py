@@ -10,9 +10,9 @@ from impacts_bench import Impact, Lab, Recorded, record
 from scipy.integrate import solve_ivp
 
 import bayestissue as bt
+from bayestissue.inference.checking.findings import warnings
+from bayestissue.inference.checking.recordings import contradicted_velocity
 from bayestissue.inference.points.estimates import flags_of
-from bayestissue.inference.points.notes import flagged_recordings
-from bayestissue.inference.samplers.diagnostics import warnings
 from bayestissue.signal import displacements
 from bayestissue.signal.quality import inspect
 
@@ -109,14 +109,10 @@ def test_a_fit_warns_of_another_velocity_where_its_own_test_is_blind(ratio):
     table = here.impacts.assign(subject="s", impact=[f"i{n}" for n in range(NUMBER)], mass_kg=0.5)
     data = bt.dataset(table, traces, quantity="deceleration", unit="m/s^2")
     flags = flags_of(data, displacements(data), inspect(data), {})
-    recordings = flagged_recordings(data.impacts["impact"].tolist(), flags)
-    warned = [warning.code for warning in warnings({"recordings": recordings})]
+    warned = [warning.code for warning in warnings({"velocity": contradicted_velocity(flags, {})})]
     assert warned == ([] if ratio == 1 else ["velocity-contradicted"])
     # Where the measuring chain's own test speaks, it does so alone.
-    chain = {"passed": False, "words": "of the chain"}
-    assert [w.code for w in warnings({"recordings": recordings, "measuring_chain": chain})] == [
-        "measuring-chain"
-    ]
+    assert contradicted_velocity(flags, {"passed": False}) == {}
 
 
 def test_what_a_sensor_cut_off_is_no_other_velocity():

@@ -31,7 +31,7 @@ _OF_PEOPLE = ("one-person-or-two", "two-spellings")
 
 
 def _of_fit(fit: Fit) -> Iterator[Shown]:
-    from bayestissue.inference.samplers.diagnostics import headline, warned_codes
+    from bayestissue.inference.checking.findings import headline, warned_codes
 
     assert fit.dataset is not None and fit.prepared is not None  # noqa: S101, PT018 - just fitted
     nouns = Words(fit.about["words"])

@@ -94,7 +94,7 @@ def reproduce(
     """
     from bayestissue.dataset.published import read_published
     from bayestissue.hierarchy.specification import read_specification
-    from bayestissue.inference.samplers.diagnostics import verdict_in_words, warned_codes
+    from bayestissue.inference.checking.findings import verdict_in_words, warned_codes
     from bayestissue.thesis.audit import audit_published
     from bayestissue.thesis.pages.published_page import published_page
     from bayestissue.thesis.reanalysis.analysis import analyse, competing_designs

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from bayestissue.errors import Coded
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import predicted
+from bayestissue.inference.checking.findings import of_element_alone
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
 from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
 from bayestissue.inference.results.cross_validation import (
@@ -27,7 +28,6 @@ from bayestissue.inference.results.cross_validation import (
 )
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, meaning
-from bayestissue.inference.samplers.diagnostics import of_element_alone
 from bayestissue.results.tables import columns_of, joined
 
 type Trees = Mapping[str, xr.DataTree]

@@ -34,12 +34,8 @@ from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
-from bayestissue.inference.checking.added_mass import judge_added_mass
-from bayestissue.inference.checking.model_form import (
-    described,
-    model_form,
-    with_impacts,
-)
+from bayestissue.inference.checking.masses import judge_added_mass
+from bayestissue.inference.checking.model_form import described, model_form, stated, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
@@ -285,9 +281,4 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
         return {"model_form": form, "channels": {"form": of_force}}
     if not prepared.model.discrepancy:
         return {"model_form": form}
-    undescribed = described(tree)
-    return {
-        "model_form": form
-        | undescribed
-        | {"words": undescribed["words"] if undescribed["undescribed"] else form["words"]}
-    }
+    return {"model_form": stated(form | described(tree))}

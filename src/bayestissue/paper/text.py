@@ -15,8 +15,8 @@ from bayestissue.declarations import declared
 from bayestissue.inference.answers.contrasts import INTERACTION
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import QUANTITIES as PREDICTIONS
+from bayestissue.inference.checking.findings import findings
 from bayestissue.inference.results.meanings import TOGETHER, meaning, outcome_name
-from bayestissue.inference.samplers.diagnostics import OF_RECORDINGS
 from bayestissue.outline import counted
 from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, outcomes, study, words
@@ -192,19 +192,12 @@ def _computation(run: FitRun, text: Text) -> str:
 def _verdict(run: FitRun) -> str:
     """Whether the run can be trusted; what is said of single recordings stands with the measurements."""
     verdict = run.record.get("verdict", {})
-    checks = verdict.get("words", "")
-    for sentence in _of_recordings(run):
-        checks = checks.replace(sentence, "")
-    return f"{verdict.get('headline', '')} {_without_commands(checks)}".strip()
+    return f"{verdict.get('headline', '')} {_without_commands(verdict.get('doubts', ''))}".strip()
 
 
 def _flags(run: FitRun) -> str:
-    sentences = (sentence.removeprefix("NOTE: ") for sentence in _of_recordings(run))
-    return " ".join(_without_commands(sentence[:1].upper() + sentence[1:]) for sentence in sentences)
-
-
-def _of_recordings(run: FitRun) -> list[str]:
-    return [run.diagnostics[key]["words"] for key in OF_RECORDINGS if key in run.diagnostics]
+    said = (one.words.removeprefix("NOTE: ") for one in findings(run.diagnostics) if one.passed)
+    return " ".join(_without_commands(words[:1].upper() + words[1:]) for words in said if words)
 
 
 def _without_commands(words: str) -> str:

@@ -1,20 +1,21 @@
 """What every warning and error means, what it does to K and C, and what to do: ``remedies.toml``.
 
-An entry holds the words that warn of it in tables and pages, and the sentences that a problem is keyed in.
+An entry holds the words that warn of it in tables and pages, the sentences that a problem is keyed in, and
+those that a fit says of its draws, model and data; how grave these are stands there too.
 What to use instead of a name that is gone stands in ``retired.toml``.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from string import Formatter
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from bayestissue.declarations import declared
+from bayestissue.declarations import declared, filled
 
 # What a warning or an error carries: the key of its entry. A test holds the sources to the entries.
 Code = str
@@ -90,6 +91,34 @@ class Message(NamedTuple):
 
 
 @cache
+def headlines() -> MappingProxyType[Code, str]:
+    """By the codes of a fit's findings, the gravest first, its first line where none graver warns."""
+    levels = declared(__name__, "remedies.toml")["severity"]
+    return MappingProxyType({code: level["headline"] for level in levels for code in level["codes"]})
+
+
+def sentence(key: str, **numbers: object) -> str:
+    """A sentence of a fit's finding by its code and name, such as "measuring-chain.undecided"."""
+    return filled(sentences()[key], **numbers)
+
+
+@cache
+def sentences() -> MappingProxyType[str, str]:
+    """Every sentence of a fit's findings by its key; see `sentence`."""
+    of_codes = {code: entry["finding"] for code, (_, entry) in _declared().items() if "finding" in entry}
+    return MappingProxyType(dict(_leaves(of_codes)))
+
+
+def _leaves(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    """All texts of a table and of those in it, by the names down to each with points between."""
+    for name, entry in table.items():
+        if isinstance(entry, str):
+            yield f"{above}{name}", entry
+        else:
+            yield from _leaves(entry, f"{above}{name}.")
+
+
+@cache
 def messages() -> MappingProxyType[str, Message]:
     """Every message by its key: a code, or a code, a point and which of its messages."""
     return _by_key("message", Message)
@@ -128,7 +157,7 @@ def retired() -> MappingProxyType[str, MappingProxyType[str, str]]:
 @cache
 def entries() -> MappingProxyType[Code, Remedy]:
     """Every entry by its code, in the order of the file: groups as one meets them."""
-    parts = ("flag", "message")
+    parts = ("flag", "message", "finding")
     return MappingProxyType(
         {
             code: Remedy(code, group, **{key: text for key, text in entry.items() if key not in parts})

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from bayestissue.figures.intervals import intervals
 from bayestissue.figures.theme import Figure
-from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
+from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.outline import first_of
 from bayestissue.report.page import part, render_page
 from bayestissue.report.tables import Field, Table, shown, table_of

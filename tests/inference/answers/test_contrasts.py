@@ -13,7 +13,7 @@ from bayestissue.inference.answers.contrasts import ALL
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.meaning import draws_of as draws_at
 from bayestissue.inference.answers.meaning import mistakes
-from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
+from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.results.tables import columns_of
 from designs import REFERENCE, contrasts, impacts
 

@@ -21,8 +21,8 @@ from bayestissue.inference.answers.predictions import (
     read_conditions,
 )
 from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
-from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.oscillator.impact import peak_displacement, time_to_peak
 from bayestissue.results.manifest import write_manifest
 from make_fit_run import make_fit_run

@@ -9,6 +9,7 @@ import pytest
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.inference.checking import another_element
+from bayestissue.inference.checking.findings import Finding
 from bayestissue.resources import shared
 
 PADS = np.repeat(["A", "B", "C"], 4)
@@ -54,9 +55,9 @@ def test_nothing_is_tried_where_it_fails_nowhere_or_everywhere_or_no_formula_has
     [
         ({}, True),
         ({"passed": False}, False),
-        ({"model_form": {"structured": True}}, False),
-        ({"model_form": {"structured": False, "impacts": {"structured": True}}}, False),
-        ({"pooled_parameters": [{"words": "differs"}]}, False),
+        ({"model_form": Finding("model-form", passed=False).record()}, False),
+        ({"model_form": Finding("structured-residuals", passed=False).record()}, False),
+        ({"pooled_parameters": [Finding("pooled-parameter", passed=False).record()]}, False),
     ],
 )
 def test_a_spring_that_leaves_doubt_is_not_taken(changed: dict, explains: bool) -> None:

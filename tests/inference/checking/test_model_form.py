@@ -8,7 +8,7 @@ from bayestissue.inference.checking.model_form import (
     LIMIT,
     model_form,
     pooled_score,
-    with_chain,
+    stated,
     with_discrepancy,
 )
 
@@ -107,8 +107,8 @@ def test_single_impacts_beyond_the_limit_are_named() -> None:
 def test_structure_that_a_measuring_chain_explains_is_not_called_another_law() -> None:
     form = with_discrepancy(model_form(tree(1.0), "deceleration"), tree(0.0))
     chain = {"passed": False, "error": "velocity and gain", "structure_left": 0.4}
-    words = with_chain(form, chain)["words"]
+    words = stated(form, chain)["words"]
     assert "wrong measuring chain explains it" in words
     assert "another law than" not in words
     assert "Mend the measuring chain first" in words
-    assert with_chain(form, {"passed": None}) == form
+    assert stated(form, {"passed": None}) == form

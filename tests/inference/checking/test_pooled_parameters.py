@@ -12,8 +12,8 @@ from bayestissue.hierarchy.design import Design
 from bayestissue.inference.answers import predictions
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.law import Law
+from bayestissue.inference.checking.findings import headline, warned_codes, warnings
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
-from bayestissue.inference.samplers.diagnostics import headline, warned_codes, warnings
 from bayestissue.remedies import codes_in
 from designs import design_of
 

@@ -17,8 +17,8 @@ from bayestissue.dataset.recorders import contents_of
 from bayestissue.dataset.settings import LowPassFilter
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.inference.checking.recorded_peak import judge_peaks, missed_peaks
-from bayestissue.inference.samplers.diagnostics import PEAK_MISSED, headline, noted, warnings
+from bayestissue.inference.checking.findings import PEAK_MISSED, headline, noted, warnings
+from bayestissue.inference.checking.recordings import judge_peaks, missed_peaks
 from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
 

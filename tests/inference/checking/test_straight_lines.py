@@ -9,9 +9,9 @@ import xarray as xr
 
 from bayestissue.hierarchy.columns import few_valued
 from bayestissue.hierarchy.design import Design
+from bayestissue.inference.checking.findings import warned_codes, warnings
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.results.meanings import few_valued_words
-from bayestissue.inference.samplers.diagnostics import warned_codes, warnings
 from bayestissue.remedies import codes_in
 from designs import design_of, impacts
 

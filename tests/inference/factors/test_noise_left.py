@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.inference.checking.model_form import SMALL_P, with_impacts
+from bayestissue.inference.checking.model_form import SMALL_P, stated, with_impacts
 from bayestissue.simulation import Simulation, simulate
 
 pytestmark = pytest.mark.slow
@@ -18,7 +18,8 @@ CHAIN = {
     "relative_gain_sd": 0.005,
     "offset_sd_m_s2": 0.2,
 }
-FORM = {"score": 0.3, "structured": False, "words": "The score."}
+FORM = stated({"score": 0.3, "structured": False})
+SOUND = FORM["words"]
 
 
 def estimated(impacts: int, tissue: dict, recording: dict) -> pd.DataFrame:
@@ -76,7 +77,7 @@ def test_a_verdict_of_few_counts_on_chance() -> None:
     p[0] = 0.005
     found = with_impacts(FORM, names, p)
     assert (found["impacts"]["below"], found["impacts"]["structured"]) == (1, False)
-    assert found["words"].endswith("The score.")
+    assert found["words"].endswith(SOUND)
     p[0] = 1e-5
     found = with_impacts(FORM, names, p)
     assert found["impacts"]["names"] == ["i0"]
@@ -85,7 +86,7 @@ def test_a_verdict_of_few_counts_on_chance() -> None:
     law = FORM | {"structured": True}
     p[1] = np.nan
     found = with_impacts(law, names, p)
-    assert (found["words"], found["impacts"]["tested"]) == ("The score.", 9)
+    assert (found["words"], found["impacts"]["tested"]) == (stated(FORM | {"structured": True})["words"], 9)
     assert not with_impacts(FORM, names, np.full(10, np.nan))["impacts"]["structured"]
 
 

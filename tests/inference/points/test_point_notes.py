@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from bayestissue.dataset.settings import ChannelSettings
-from bayestissue.inference.points.notes import (
-    ANOTHER_VELOCITY,
+from bayestissue.inference.checking.findings import headline, verdict_in_words
+from bayestissue.inference.checking.recordings import (
     clipped_recordings,
+    contradicted_velocity,
     flagged_recordings,
     unused_channels,
 )
-from bayestissue.inference.samplers.diagnostics import headline, verdict_in_words
+from bayestissue.inference.points.notes import ANOTHER_VELOCITY
 
 SOUND = {
     "passed": True,
@@ -33,9 +34,10 @@ def test_flagged_recordings_are_named_in_the_verdict() -> None:
 
 
 def test_another_velocity_is_a_warning_and_in_the_headline() -> None:
-    found = flagged_recordings(list("abc"), [[ANOTHER_VELOCITY], [ANOTHER_VELOCITY], []])
-    assert "WARNING: The recordings imply another velocity" in verdict_in_words(SOUND | {"recordings": found})
-    assert "another velocity at contact" in headline(SOUND | {"recordings": found})
+    found = SOUND | {"velocity": contradicted_velocity([[ANOTHER_VELOCITY], [ANOTHER_VELOCITY], []], {})}
+    assert "WARNING: The recordings imply another velocity" in verdict_in_words(found)
+    assert "2 of 3" in verdict_in_words(found)
+    assert "another velocity at contact" in headline(found)
 
 
 def test_clipped_recordings_are_named_beside_the_flagged() -> None:
@@ -56,5 +58,6 @@ def test_a_channel_that_is_not_used_is_named_with_why() -> None:
     words = unused_channels(
         [ChannelSettings(name="plate", quantity="force", place="base", unit="N", file="force.csv")], "why"
     )
+    words = words["words"]
     assert words.startswith("The further channel plate (force) is not used here: why.")
     assert words.endswith("`bayestissue check` compares the two.")

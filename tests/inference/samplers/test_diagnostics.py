@@ -6,19 +6,19 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.inference.results.summary import summarise
-from bayestissue.inference.samplers.diagnostics import (
+from bayestissue.inference.checking.findings import (
     CONTRADICTED,
     ELEMENT_ALONE,
     NO_INTERVAL,
-    UNSETTLED,
-    diagnose,
+    Finding,
     headline,
-    more_would_help,
     noted,
     verdict_in_words,
     warnings,
 )
+from bayestissue.inference.checking.model_form import marked_rows, stated
+from bayestissue.inference.results.summary import summarise
+from bayestissue.inference.samplers.diagnostics import UNSETTLED, diagnose, more_would_help
 
 CHAINS, DRAWS = 4, 1000
 
@@ -103,11 +103,13 @@ def test_draws_that_hardly_move_have_a_small_effective_sample() -> None:
 
 
 def contradicted(impacts: list[str], of: int) -> dict[str, Any]:
-    return {"measuring_chain": {"passed": False, "words": "The chain.", "impacts": impacts, "of": of}}
+    rows = ".*" if len(impacts) == of else impacts
+    first = "the traces contradict the measuring chain"
+    return {"measuring_chain": Finding("measuring-chain", False, "The chain.", first, rows).record()}
 
 
 def test_a_contradicted_chain_comes_first_and_the_sampler_s_verdict_does_not_stand_alone() -> None:
-    form = {"model_form": {"structured": True, "words": "The form."}}
+    form = {"model_form": Finding("model-form", passed=False, words="The form.").record()}
     found = diagnosed(run()) | contradicted(["a"], 2) | form
     assert found["passed"]
     assert warnings(found) == ["The chain.", "The form."]
@@ -117,19 +119,21 @@ def test_a_contradicted_chain_comes_first_and_the_sampler_s_verdict_does_not_sta
 
 
 def test_no_element_at_all_is_said_before_anything_but_a_failed_sampler() -> None:
-    form = {"model_form": {"structured": True, "undescribed": True, "words": "None."}}
+    form = {"model_form": stated({"score": 9.0, "undescribed": True, "discrepancy": 0.3})}
     found = diagnosed(run()) | contradicted(["a"], 2) | form
     assert "No element of this program describes these traces" in headline(found)
     assert headline(found | {"passed": False}).startswith("DIAGNOSTICS FAILED")
 
 
 def test_structure_in_some_impacts_is_a_warning_and_its_code_their_own() -> None:
-    form = {"model_form": {"structured": False, "words": "Some.", "impacts": {"structured": True}}}
-    found = diagnosed(run()) | form
-    assert [(warning, warning.code) for warning in warnings(found)] == [("Some.", "structured-residuals")]
+    impacts = {"structured": True, "tested": 9, "below": 2, "names": ["a", "b"]}
+    form = {"score": 0.3, "structured": False, "impacts": impacts}
+    found = diagnosed(run()) | {"model_form": stated(form)}
+    assert [warning.code for warning in warnings(found)] == ["structured-residuals"]
+    assert "2 of 9 impacts" in warnings(found)[0]
     assert "structure that the model does not explain" in headline(found)
-    form["model_form"]["impacts"]["structured"] = False
-    assert warnings(diagnosed(run()) | form) == []
+    sound = stated(form | {"impacts": impacts | {"structured": False}})
+    assert warnings(diagnosed(run()) | {"model_form": sound}) == []
 
 
 def test_rows_of_the_summary_say_where_an_interval_is_none() -> None:
@@ -137,10 +141,14 @@ def test_rows_of_the_summary_say_where_an_interval_is_none() -> None:
     assert noted(table, {})["note"].tolist() == ["", "", ""]
     assert noted(table, contradicted(["b"], 2))["note"].tolist() == ["", CONTRADICTED, ""]
     assert noted(table, contradicted(["a", "b"], 2))["note"].tolist() == [CONTRADICTED] * 3
-    some = {"model_form": {"undescribed": False, "undescribed_impacts": ["a"]}}
-    assert noted(table, some)["note"].tolist() == [NO_INTERVAL, "", ""]
-    every = {"model_form": {"undescribed": True, "undescribed_impacts": []}}
-    assert noted(table, every)["note"].tolist() == [NO_INTERVAL] * 3
+    form = {"discrepancy": 0.1, "undescribed": False, "undescribed_impacts": ["a"]}
+    assert noted(table, {"rows": marked_rows(form)})["note"].tolist() == [
+        NO_INTERVAL,
+        ELEMENT_ALONE,
+        ELEMENT_ALONE,
+    ]
+    every = form | {"undescribed": True, "undescribed_impacts": []}
+    assert noted(table, {"rows": marked_rows(every)})["note"].tolist() == [NO_INTERVAL] * 3
 
 
 def test_beside_a_discrepancy_rows_of_k_say_that_it_is_the_element_s_own() -> None:
@@ -155,12 +163,12 @@ def test_beside_a_discrepancy_rows_of_k_say_that_it_is_the_element_s_own() -> No
     ]
     table = pd.DataFrame({"variable": [*of_element, *others], "label": "a"})
     form = {"discrepancy": 0.05, "undescribed": False, "undescribed_impacts": []}
-    notes = noted(table, {"model_form": form})["note"].tolist()
+    notes = noted(table, {"rows": marked_rows(form)})["note"].tolist()
     assert notes == [ELEMENT_ALONE] * len(of_element) + [""] * len(others)
-    assert noted(table, {"model_form": {"score": 1.0}})["note"].eq("").all()
+    assert noted(table, {"rows": marked_rows({"score": 1.0})})["note"].eq("").all()
     # What is no interval at all is that first.
     named = form | {"undescribed_impacts": ["a"]}
-    assert noted(table, {"model_form": named})["note"].eq(NO_INTERVAL).all()
+    assert noted(table, {"rows": marked_rows(named)})["note"].eq(NO_INTERVAL).all()
 
 
 def test_a_longer_run_is_made_for_what_it_mends() -> None:

@@ -56,8 +56,8 @@ from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.inference.answers.law import MOTION, Law, moving, simulated_words
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.results.meanings import element_alone
-from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.results.tables import columns_of, joined
 
 ALL = "mean of all"

@@ -25,9 +25,9 @@ from bayestissue.inference.answers.law import fall_height, simulated_words
 from bayestissue.inference.answers.meaning import average_notes
 from bayestissue.inference.answers.questions import ranked
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.results.labels import element_attributes
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, UNITS, element_alone
-from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.results.tables import columns_of, table_of_rows, typed
 
 IN, OUT = "in", "out"

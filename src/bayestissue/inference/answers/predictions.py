@@ -53,10 +53,10 @@ from bayestissue.inference.answers.law import (
 )
 from bayestissue.inference.answers.meaning import average_notes, beyond_notes
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import COLUMNS, HEADFORM_COLUMNS, OUTCOME_COLUMNS
-from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE
 from bayestissue.inference.samplers.sampling import quantiles
 from bayestissue.results import whole_file, write_tree
 

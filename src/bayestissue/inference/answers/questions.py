@@ -60,10 +60,10 @@ from bayestissue.inference.answers.meaning import (
     unit_of,
 )
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.checking.findings import ELEMENT_ALONE, of_element_alone
 from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
-from bayestissue.inference.samplers.diagnostics import ELEMENT_ALONE, of_element_alone
 from bayestissue.inference.samplers.sampling import quantiles
 from bayestissue.results.tables import table_of_rows
 

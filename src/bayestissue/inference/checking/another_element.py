@@ -17,13 +17,16 @@ from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.formulas.group_terms import quoted
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification, specification_of
-from bayestissue.inference.checking import sentence
+from bayestissue.inference.checking.findings import Finding, warned_codes
 from bayestissue.inference.checking.model_form import SMALL_P
 from bayestissue.outline import first_of
+from bayestissue.remedies import sentence
 
 STIFFENS, DEPTH = "stiffening", "stiffening_depth_m"
 # Of the impacts at a level with a small p: the law holds there up to the one, and does not from the other on.
 _HOLDS, _FAILS = 0.1, 0.5
+# Of a law, after which another element is not taken.
+_DOUBTS = {"model-form", "structured-residuals", "pooled-parameter"}
 
 
 def differing(form: Mapping[str, Any], names: np.ndarray, recorded: Recorded) -> dict[str, list[str]]:
@@ -70,12 +73,11 @@ def instead(form: Mapping[str, Any], names: np.ndarray, recorded: Recorded) -> d
         return {}
     where = "; ".join(f"{column} {first_of(levels, 8)}" for column, levels in found.items())
     formula = " + ".join(f"C({n})" if recorded.is_number(n) else quoted([n]) for n in found)
-    words = sentence("form.stiffens", score=form["score"], where=where, formula=formula)
-    return {"formula": formula, "instead_of": SIDE_BY_SIDE, "score_without": form["score"], "words": words}
+    words = sentence("model-form.stiffens", score=form["score"], where=where, formula=formula)
+    numbers = {"formula": formula, "instead_of": SIDE_BY_SIDE, "score_without": form["score"]}
+    return Finding("model-form", passed=True, words=words).record(**numbers)
 
 
 def explains(diagnostics: Mapping[str, Any]) -> bool:
     """Whether a fit with the other element leaves no doubt of its law."""
-    form = diagnostics.get("model_form", {})
-    structured = form.get("structured", False) or form.get("impacts", {}).get("structured", False)
-    return bool(diagnostics["passed"] and not structured and not diagnostics.get("pooled_parameters"))
+    return bool(diagnostics["passed"]) and not _DOUBTS & set(warned_codes(diagnostics))

@@ -31,7 +31,8 @@ from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_likelihood, with_normal_errors
-from bayestissue.inference.checking import incredible, sentence
+from bayestissue.inference.checking import incredible
+from bayestissue.inference.checking.findings import ALL_ROWS, Finding
 from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.model_form import LIMIT, judged_at
 from bayestissue.inference.execution.compiling import by_row, padded
@@ -39,6 +40,7 @@ from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.expansions import expanded, first_guess, rows_of
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.outline import first_of
+from bayestissue.remedies import sentence
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
@@ -249,13 +251,14 @@ def _account(
         freed_error.declared[which] > 0, freed_error.declared[which], np.nan
     )
     account = {
-        "passed": False if left <= LIMIT else None,
         "error": name,
         "alike": {key: _relative(errors[key], which) for key in equivalent},
         "kind": pattern.kind,
         "common": pattern.common,
         "impacts": prepared.impacts["impact"].astype(str)[which].tolist(),
-        "groups": _named_groups(prepared, pattern),
+        "groups": prepared.impacts[pattern.kind].astype(str)[which].unique().tolist()
+        if pattern.kind in _GROUPS
+        else [],
         "of": len(which),
         "relative": _relative(freed_error, which),
         "greatest": float(np.abs(freed_error.error / freed_error.unit)[which].max()),
@@ -264,17 +267,16 @@ def _account(
         "change_K": float(change[0]),
         "change_C": float(change[1]),
     }
-    return account | {"words": in_words(account)}
+    if left > LIMIT:
+        return account | {"passed": None, "words": sentence("measuring-chain.undecided", error=name)}
+    first, rows = sentence("measuring-chain.first"), ALL_ROWS if which.all() else account["impacts"]
+    return Finding("measuring-chain", passed=False, words=in_words(account), first=first, rows=rows).record(
+        **account
+    )
 
 
 def _relative(freed_error: Freed, which: np.ndarray) -> float:
     return float(np.median((freed_error.error / freed_error.unit)[which]))
-
-
-def _named_groups(prepared: Prepared, pattern: Pattern) -> list[str]:
-    if pattern.kind in (incredible.ALL, incredible.IMPACT):
-        return []
-    return list(dict.fromkeys(prepared.impacts[pattern.kind].astype(str)[pattern.impacts]))
 
 
 def structure_left(prepared: Prepared, name: str, freed_error: Freed) -> float:
@@ -285,52 +287,38 @@ def structure_left(prepared: Prepared, name: str, freed_error: Freed) -> float:
 
 
 def in_words(account: dict[str, Any]) -> str:
-    """Sentences on what `bayestissue.inference.checking.measuring_chain.judge` found."""
-    error = account["error"]
-    if account["passed"] is None:
-        return sentence("chain.undecided", error=error)
-    first = error == AMPLITUDE and account["kind"] in _GROUPS
-    check = sentence(f"check.{error}") + (sentence(f"first.{account['kind']}") if first else "")
-    others = [sentence(f"error.{name}", share=_percent(size)) for name, size in account["alike"].items()]
-    return sentence(
-        "chain.contradicted",
-        where=_where(account),
-        what=_what(account),
-        sds=_sds(account),
+    """Sentences on the error that the traces contradict: where, how large it is, and what to check."""
+    error, kind, alike, size = (account[name] for name in ("error", "kind", "alike", "relative"))
+    single = len(account["impacts"]) == 1
+    common, of_group = account["common"] or single, error == AMPLITUDE and kind in _GROUPS
+    share = _percent(size) if common else f"up to {_percent(account['greatest'])}"
+    if error != AMPLITUDE:
+        what = _said("asked", error=_said(f"error.{error}", share=share))
+    elif common:
+        what = _said("velocity.higher" if size > 0 else "velocity.lower", share=share)
+        what += "" if single else _said("velocity.one_factor")
+    else:
+        what = _said("velocities", share=share)
+    alone = kind == incredible.ALL and account["of"] == 1
+    named = first_of(account["groups"] or account["impacts"], _MOST_NAMED)
+    counts = {"count": len(account["impacts"]), "of": account["of"]}
+    sds = account["declared_sds"]
+    others = " or ".join(_said(f"error.{name}", share=_percent(other)) for name, other in alike.items())
+    checks = _said(f"check.{error}") + (_said(f"check.{kind}") if of_group else "")
+    return _said(
+        "contradicted",
+        where=_said(f"where.{'only' if alone else kind}", named=named, **counts),
+        what=what,
+        sds=_said("sds.none" if sds is None else "sds.one" if single else "sds.median", sds=sds),
         K=_change(account["change_K"]),
         C=_change(account["change_C"]),
-        equivalents=sentence("chain.equivalents", others=" or ".join(others)) if others else "",
-        checks=". ".join([check, *(sentence(f"check.{name}") for name in account["alike"])]),
+        equivalents=_said("equivalents", others=others) if others else "",
+        checks=". ".join([checks, *(_said(f"check.{name}") for name in alike)]),
     )
 
 
-def _where(account: dict[str, Any]) -> str:
-    count, total, kind = len(account["impacts"]), account["of"], account["kind"]
-    if kind == incredible.ALL:
-        return sentence("chain.all" if total > 1 else "chain.only", of=total)
-    named = first_of(account["groups" if kind in _GROUPS else "impacts"], _MOST_NAMED)
-    key = "chain.groups" if kind in _GROUPS else "chain.impacts"
-    return sentence(key, kind=kind, named=named, count=count, of=total)
-
-
-def _what(account: dict[str, Any]) -> str:
-    size, single = account["relative"], len(account["impacts"]) == 1
-    common = account["common"] or single
-    share = _percent(size) if common else f"up to {_percent(account['greatest'])}"
-    if account["error"] != AMPLITUDE:
-        return sentence("chain.asked", error=sentence(f"error.{account['error']}", share=share))
-    if not common:
-        return sentence("chain.velocities", share=share)
-    way, reads = ("higher", "much") if size > 0 else ("lower", "little")
-    factor = "" if single else sentence("chain.one_factor")
-    return sentence("chain.velocity", share=share, way=way, reads=reads) + factor
-
-
-def _sds(account: dict[str, Any]) -> str:
-    if account["declared_sds"] is None:
-        return sentence("chain.undeclared")
-    median = sentence("chain.median") if len(account["impacts"]) > 1 else ""
-    return sentence("chain.declared", sds=account["declared_sds"]) + median
+def _said(name: str, **numbers: object) -> str:
+    return sentence(f"measuring-chain.{name}", **numbers)
 
 
 def _change(ratio: float) -> str:

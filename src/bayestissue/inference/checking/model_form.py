@@ -7,7 +7,8 @@ law is at work (`model_form`), each by itself whether its residuals are the mode
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import jax
@@ -21,11 +22,12 @@ from scipy.stats import binom, combine_pvalues
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData
-from bayestissue.inference.checking import sentence
+from bayestissue.inference.checking.findings import ALL_ROWS, OF_K, Finding
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 from bayestissue.outline import first_of
+from bayestissue.remedies import sentence
 
 # An impact's p-value that is counted.
 SMALL_P = 0.01
@@ -60,7 +62,7 @@ def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
         name: "deceleration" or "displacement", in its observed data and its predictions.
 
     Returns:
-        ``score``, the pooled one, ``structured``, whether it is above `LIMIT`, and what follows in ``words``.
+        ``score``, the pooled one, and ``structured``, whether it is above `LIMIT`; and what `stated` adds.
     """
     predicted = tree["posterior_predictive"].dataset[name]
     replicated = predicted.to_numpy().reshape(-1, *predicted.shape[2:]).astype(float)
@@ -73,9 +75,7 @@ def judged(
 ) -> dict[str, Any]:
     """`model_form` of traces and their replicates, NaN past a row's end."""
     score = pooled_score(measured, replicated)
-    structured = bool(score > LIMIT)
-    words = _words("form.structured" if structured else "form.sound", score)
-    return {"score": score, "structured": structured, "words": words}
+    return stated({"score": score, "structured": bool(score > LIMIT)})
 
 
 def with_impacts(
@@ -94,15 +94,17 @@ def with_impacts(
     Returns:
         Besides ``impacts``: ``p`` by name, how many were ``tested`` and are ``below`` `SMALL_P`, whether
         they are ``structured``, which chance makes of fewer than two sound datasets in a hundred, and then
-        the ``names`` of those below; of all ``together`` their p as ``combined`` too. ``words`` are of these
-        where nothing is said of another law.
+        the ``names`` of those below; of all ``together`` their p as ``combined`` too.
     """
     p_values = {
         str(name): float(f"{value:.4g}") for name, value in zip(names, p, strict=True) if np.isfinite(value)
     }
     below = [name for name, value in p_values.items() if value < SMALL_P]
     tested, least = len(p_values), min(p_values.values(), default=1.0)
-    by_chance = _fisher(list(p_values.values())) if together else binom.sf(len(below) - 1, tested, _BY_CHANCE)
+    by_chance = float(binom.sf(len(below) - 1, tested, _BY_CHANCE))
+    if together:
+        combined = combine_pvalues(np.maximum(list(p_values.values()) or [1.0], _LEAST_P)).pvalue
+        by_chance = float(f"{combined:.4g}")
     structured = bool(by_chance < _TOO_MANY or least < _ALONE / max(tested, 1))
     impacts = {
         "p": p_values,
@@ -111,20 +113,7 @@ def with_impacts(
         "structured": structured,
         "names": below if structured else [],
     } | ({"combined": by_chance} if together else {})
-    counted = sentence("form.counted", below=len(below), tested=tested, small=SMALL_P)
-    words = form["words"]
-    if structured and not form["structured"]:
-        words = sentence("form.impacts", counted=counted, named=first_of(below, NAMED))
-    elif not form["structured"]:
-        words = sentence("form.nothing", counted=counted, words=words)
-    return form | {"impacts": impacts, "words": words}
-
-
-def _fisher(p: list[float]) -> float:
-    """One p of independent ones, to four digits; 1 of none."""
-    if not p:
-        return 1.0
-    return float(f"{combine_pvalues(np.maximum(p, _LEAST_P)).pvalue:.4g}")
+    return stated(form | {"impacts": impacts})
 
 
 def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]:
@@ -135,30 +124,25 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
         tree: the fit with it.
 
     Returns:
-        ``score`` and ``structured`` as they were, ``discrepancy``, the discrepancy's rms as a fraction of the
-        trace's peak (median impact), ``apart``, the impacts in which it is several times that, ``left``, the
-        score of the fit with it, and all of it in ``words``.
+        ``score`` and ``structured`` as they were, what `described` says of the fit with it, ``apart``, the
+        impacts in which the discrepancy is several times the median one, ``greatest``, its largest, ``sure``,
+        half the relative width of the 90 % interval of K_secant (median impact), and ``left``, the score of
+        the fit with it.
     """
     posterior = tree["posterior"].dataset
     discrepancy, sizes = described(tree), of_impacts(posterior["discrepancy"])
-    size, stiffness = discrepancy["discrepancy"], posterior["K_secant"]
-    larger = sizes[sizes > _SEVERAL * size].sort_values(ascending=False)
+    larger = sizes[sizes > _SEVERAL * discrepancy["discrepancy"]].sort_values(ascending=False)
+    stiffness = posterior["K_secant"]
     drawn = [name for name in stiffness.dims if name != "impact"]
     low, high = stiffness.quantile([0.05, 0.95], drawn).to_numpy()
-    sure = float(np.sqrt(np.median(high / low)) - 1)
-    apart = sentence(
-        "form.apart",
-        most=100 * sizes.max(),
-        count=len(larger),
-        of=len(sizes),
-        named=first_of(list(larger.index), NAMED),
-    )
-    apart = apart if len(larger) else ""
-    words = _words("form.discrepancy", first["score"], size=100 * size, sure=100 * sure, apart=apart)
-    left = model_form(tree, "deceleration")["score"]
-    if discrepancy["undescribed"]:
-        words = f"{sentence('form.score', score=first['score'])}. {discrepancy['words']}"
-    return first | discrepancy | {"apart": list(larger.index), "left": left, "words": words}
+    further = {
+        "apart": list(larger.index),
+        "greatest": float(sizes.max()),
+        "of": len(sizes),
+        "sure": float(np.sqrt(np.median(high / low)) - 1),
+        "left": model_form(tree, "deceleration")["score"],
+    }
+    return stated(first | discrepancy | further)
 
 
 def described(tree: xr.DataTree) -> dict[str, Any]:
@@ -169,7 +153,7 @@ def described(tree: xr.DataTree) -> dict[str, Any]:
 
     Returns:
         ``discrepancy``, its rms as a fraction of the trace's peak (median impact), ``undescribed``, whether
-        that is beyond the limit, ``undescribed_impacts``, which are so by themselves, and ``words``.
+        that is beyond the limit, and ``undescribed_impacts``, which are so by themselves.
     """
     draws = tree["posterior"].dataset["discrepancy"]
     size, sizes = float(draws.median()), of_impacts(draws)
@@ -177,7 +161,6 @@ def described(tree: xr.DataTree) -> dict[str, Any]:
         "discrepancy": size,
         "undescribed": size > MOST_DISCREPANCY,
         "undescribed_impacts": list(sizes.index[sizes > MOST_DISCREPANCY]),
-        "words": sentence("form.undescribed", size=100 * size),
     }
 
 
@@ -187,24 +170,53 @@ def of_impacts(draws: xr.DataArray) -> pd.Series:
     return pd.Series(medians.to_numpy(), medians["impact"].to_numpy().astype(str))
 
 
-def with_chain(form: dict[str, Any], chain: dict[str, Any]) -> dict[str, Any]:
-    """What was said of the form, where another measuring chain would leave no structure: that comes first.
+def stated(form: dict[str, Any], chain: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
+    """What is known of the form, with its code where it is a finding, and its words.
 
     Args:
-        form: as `model_form` or `with_discrepancy` has it.
-        chain: as `bayestissue.inference.checking.measuring_chain.judge` has it.
+        form: as the other functions have it.
+        chain: as `bayestissue.inference.checking.measuring_chain.judge` has it. Where another measuring chain
+            would leave no structure, that comes first.
     """
-    if not form.get("structured") or chain.get("passed") is not False:
-        return form
-    explained = sentence("form.explained", error=chain["error"], left=chain["structure_left"])
-    words = form["words"].replace(sentence("form.another_law"), explained)
-    return form | {"words": words.replace(sentence("form.remedy"), sentence("form.mend"))}
+    impacts, score = form.get("impacts", {}), sentence("model-form.score", score=form["score"])
+    if form.get("undescribed"):
+        code, words = "undescribed", sentence("undescribed.words", size=100 * form["discrepancy"])
+        words = f"{score}. {words}" if "left" in form else words
+    elif form["structured"]:
+        code, law, remedy = "model-form", sentence("model-form.first"), sentence("model-form.remedy")
+        if chain.get("passed") is False:
+            law = sentence("model-form.explained", error=chain["error"], left=chain["structure_left"])
+            remedy = sentence("model-form.mend")
+        key = "discrepancy" if "left" in form else "structured"
+        words = sentence(f"model-form.{key}", score=score, law=law, remedy=remedy, **_sizes(form))
+    else:
+        code, words = "structured-residuals", sentence("model-form.sound", score=score)
+        if impacts:
+            counted = sentence("structured-residuals.counted", small=SMALL_P, **impacts)
+            key, named = "impacts" if impacts["structured"] else "nothing", first_of(impacts["names"], NAMED)
+            words = sentence(f"structured-residuals.{key}", counted=counted, named=named, words=words)
+        if not impacts.get("structured"):
+            return form | {"words": words}
+    return Finding(code, passed=False, words=words, first=sentence(f"{code}.first")).record(**form)
 
 
-def _words(key: str, score: float, **numbers: float | str) -> str:
-    """A sentence that begins with the score."""
-    law, remedy = sentence("form.another_law"), sentence("form.remedy")
-    return sentence(key, score=sentence("form.score", score=score), law=law, remedy=remedy, **numbers)
+def _sizes(form: dict[str, Any]) -> dict[str, Any]:
+    """The numbers of the sentence on a discrepancy, if there is one."""
+    if "left" not in form:
+        return {}
+    larger = form["apart"]
+    numbers = {"most": 100 * form["greatest"], "count": len(larger), "of": form["of"]}
+    apart = sentence("model-form.apart", named=first_of(larger, NAMED), **numbers) if larger else ""
+    return {"size": 100 * form["discrepancy"], "sure": 100 * form["sure"], "apart": apart}
+
+
+def marked_rows(form: dict[str, Any]) -> list[dict[str, Any]]:
+    """Findings that mark rows of the summary beside a discrepancy: K is the element's own, or no estimate."""
+    if "discrepancy" not in form:
+        return []
+    none = ALL_ROWS if form["undescribed"] else form["undescribed_impacts"]
+    marked = Finding("element-alone", passed=True, rows=OF_K), Finding("undescribed", passed=True, rows=none)
+    return [finding.record() for finding in marked]
 
 
 def pooled_score(

@@ -16,7 +16,9 @@ from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd
 from bayestissue.hierarchy.formulas.group_terms import GroupTerm, grouping_of, labels_of
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded
+from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.execution.kept import some_impacts
+from bayestissue.remedies import sentence
 
 
 class Pooled(NamedTuple):
@@ -56,7 +58,10 @@ class Pooled(NamedTuple):
 
     def record(self) -> dict[str, Any]:
         """As it stands in ``diagnostics.json``."""
-        return self._asdict() | {"words": str(self.words)}
+        first = sentence("pooled-parameter.first")
+        return Finding("pooled-parameter", passed=False, words=self.words, first=first).record(
+            **self._asdict()
+        )
 
 
 def pooled_parameters(

@@ -13,8 +13,9 @@ from scipy.stats import chi2
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES, sd_impact
-from bayestissue.inference.checking import sentence
+from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.execution.kept import some_impacts
+from bayestissue.remedies import sentence
 
 # Of a fit of straight lines one in a thousand is noted.
 _BY_CHANCE = 0.001
@@ -71,7 +72,11 @@ def straight_lines(
             p, off = _judged(y, np.hstack(x), root, levels, values[rows])
             lines.append({"of": q, "covariate": name, "p": p, "off_the_line": off})
     limit = _BY_CHANCE / max(len(lines), 1)
-    return {"lines": lines, "words": " ".join(_words(line) for line in lines if line["p"] < limit)}
+    words = " ".join(_words(line) for line in lines if line["p"] < limit)
+    if not words:
+        return {"lines": lines, "words": words}
+    first = sentence("no-straight-line.first")
+    return Finding("no-straight-line", passed=False, words=words, first=first).record(lines=lines)
 
 
 def _numbered(group: np.ndarray | None, count: int) -> np.ndarray:
@@ -140,5 +145,5 @@ def _words(line: dict[str, Any]) -> str:
     name, q = line["covariate"], line["of"]
     off = ", ".join(f"{by:+.0%} at {at}".replace("-", "−", 1) for at, by in line["off_the_line"].items())
     whole = name.isidentifier() and len(line["off_the_line"]) < _MOST_LEVELS
-    remedy = sentence("line.categories" if whole else "line.transform", name=name)
-    return sentence("line.off", q=q, name=name, off=off, remedy=remedy)
+    remedy = sentence(f"no-straight-line.{'categories' if whole else 'transform'}", name=name)
+    return sentence("no-straight-line.off", q=q, name=name, off=off, remedy=remedy)

@@ -18,7 +18,8 @@ from bayestissue.hierarchy.combinations import unsuited
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, assemble, facts_of
-from bayestissue.inference.checking.recorded_peak import missed_peaks
+from bayestissue.inference.checking.findings import PEAK_MISSED
+from bayestissue.inference.checking.recordings import missed_peaks
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.points.estimates import (
     always_noted,
@@ -42,7 +43,6 @@ from bayestissue.inference.points.notes import (
     UNCORRECTED,
 )
 from bayestissue.inference.results.labels import element_attributes, outcome_column
-from bayestissue.inference.samplers.diagnostics import PEAK_MISSED
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
 from bayestissue.oscillator import spring_damper_inverse, to_discrete

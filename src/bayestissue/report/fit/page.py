@@ -9,8 +9,8 @@ from bayestissue.errors import codes_of
 from bayestissue.figures.impacts import factors
 from bayestissue.hierarchy.columns import untried_words
 from bayestissue.hierarchy.formulas.formula import left_out_words
+from bayestissue.inference.checking.findings import warned_codes
 from bayestissue.inference.results.meanings import ONE_IMPACT
-from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.report import answers_page, posterior
 from bayestissue.report.fit import (
     answers,

@@ -13,7 +13,7 @@ import numpy as np
 from bayestissue.dataset.published import read_published
 from bayestissue.declarations import sentences
 from bayestissue.figures.theme import Figure
-from bayestissue.inference.samplers.diagnostics import warned_codes
+from bayestissue.inference.checking.findings import warned_codes
 from bayestissue.remedies import Code, codes_in
 from bayestissue.report import posterior
 from bayestissue.report.comparison import comparison_figure

@@ -1,4 +1,4 @@
-"""What a force beside the deceleration says of the mass, and whether what was declared allows it."""
+"""What a force beside the deceleration, known springs and the motion say of masses, and what was declared."""
 
 from __future__ import annotations
 
@@ -9,12 +9,19 @@ import xarray as xr
 from jaxtyping import Float
 from scipy.special import stdtrit
 
-from bayestissue.hierarchy.force import PreparedForce
-from bayestissue.inference.checking import sentence
+from bayestissue.elements import element
+from bayestissue.hierarchy.effects import intercept, parameter_of
+from bayestissue.hierarchy.force import PreparedForce, tells_added_mass
+from bayestissue.hierarchy.reference import HALF_WIDTH, Reference
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.checking.findings import ALL_ROWS, Finding
 from bayestissue.inference.checking.model_form import NAMED, SMALL_P
+from bayestissue.inference.results.meanings import MOSTLY
+from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.outline import first_of
+from bayestissue.remedies import sentence
 
-# Of standard deviations, beyond which the two channels contradict what is declared of them: once in 370.
+# Of standard deviations, beyond which a force, or phantoms, contradict what is declared: once in 370.
 _LIMIT = 3.0
 # Impacts, and a range of log mass, from which on a slope on mass is asked for; how often chance may make one;
 # and a slope that is worth a word.
@@ -61,7 +68,6 @@ def judge_force(
     follows = not (form["structured"] or form["impacts"]["structured"])
     account = {
         "channel": channel,
-        "passed": bool(agrees and follows),
         "agrees": bool(agrees),
         "follows": follows,
         "form": form | {"words": _form_words(channel, form)},
@@ -74,8 +80,11 @@ def judge_force(
     }
     first, words = _sentences(account, of_mass=force.mass_sd > 0)
     if not agrees and force.rows.below:
-        words = f"{words} {sentence('force.below')}"
-    return account | {"first": first, "words": words}
+        words = f"{words} {sentence('channels-disagree.below')}"
+    # An impact's own mass is put right where one factor is not.
+    rows = "mass_exponent.*" if slope and follows else ALL_ROWS
+    passed, code = bool(agrees and follows), "force-form" if agrees and not follows else "channels-disagree"
+    return Finding(code, passed, words, first, "" if passed else rows).record(**account)
 
 
 def _sentences(account: dict[str, Any], *, of_mass: bool) -> tuple[str, str]:
@@ -101,22 +110,22 @@ def _sentences(account: dict[str, Any], *, of_mass: bool) -> tuple[str, str]:
         kind = "mass"
     else:
         kind = "exact"
-    words = sentence(f"force.{kind}", **numbers)
+    words = sentence(f"channels-disagree.{kind}", **numbers)
     if not account["follows"]:
-        return sentence("force.first_form", **numbers), f"{account['form']['words']} {words}"
+        return sentence("force-form.first", **numbers), f"{account['form']['words']} {words}"
     says = not account["agrees"] or (of_mass and not low <= 1 <= high)
-    return sentence(f"force.first_{kind}", **numbers) if says else "", words
+    return sentence(f"channels-disagree.first.{kind}", **numbers) if says else "", words
 
 
 def _form_words(channel: str, form: dict[str, Any]) -> str:
     """What the residuals of the force say of it."""
     impacts = form["impacts"]
     numbers = {key: impacts[key] for key in ("below", "tested", "combined")}
-    counted = sentence("force.counted", small=SMALL_P, **numbers)
-    score = sentence("form.score", score=form["score"])
+    counted = sentence("force-form.counted", small=SMALL_P, **numbers)
+    score = sentence("model-form.score", score=form["score"])
     named = f" ({first_of(impacts['names'], NAMED)})" if impacts["names"] else ""
     kind = "form" if form["structured"] or impacts["structured"] else "follows"
-    return sentence(f"force.{kind}", channel=channel, counted=counted + named, score=score)
+    return sentence(f"force-form.{kind}", channel=channel, counted=counted + named, score=score)
 
 
 def _slope(posterior: xr.Dataset, declared_kg: Float[np.ndarray, " impact"]) -> float:
@@ -131,3 +140,71 @@ def _slope(posterior: xr.Dataset, declared_kg: Float[np.ndarray, " impact"]) -> 
     scatter = np.sqrt(left @ left / (len(x) - 2))
     clear = abs(slope) * np.sqrt(x @ x) > stdtrit(len(x) - 2, 1 - _BY_CHANCE / 2) * scatter
     return slope if clear and abs(slope) > _LEAST_SLOPE else 0.0
+
+
+def judge_reference(reference: Reference) -> dict[str, Any]:
+    """The entry ``reference`` of ``diagnostics.json``, of a fit with phantoms.
+
+    Returns:
+        ``passed``: whether what phantoms say of log f is within three standard deviations of 0, that of
+        the declared mass counted in; ``mass_factor``, its 90 % interval about the median; ``impacts``, how
+        many were of phantoms, and ``phantoms`` their names; ``first``, what the first line of the run says;
+        ``words``.
+    """
+    mean, sd = reference.apart
+    passed = abs(mean) <= _LIMIT * np.hypot(sd, reference.mass_sd)
+    low, middle, high = np.exp(reference.log_mean + reference.log_sd * HALF_WIDTH * np.array([-1, 0, 1]))
+    off = 100 * (np.exp(-mean) - 1)
+    numbers = {
+        "size": f"{abs(off):.2g} % {'high' if off > 0 else 'low'}",
+        "give": f"{100 * HALF_WIDTH * sd:.2g} %",
+        "impacts": len(reference.table),
+        "factor": f"{middle:.4g} ({low:.4g} to {high:.4g})",
+        "declared": f"{100 * reference.mass_sd:.2g} %",
+    }
+    words = sentence(f"reference-contradicted.{'corrected' if passed else 'contradicted'}", **numbers)
+    first = sentence("reference-contradicted.first", **numbers)
+    return Finding("reference-contradicted", passed=bool(passed), words=words, first=first).record(
+        impacts=len(reference.table),
+        phantoms=reference.table["impact"].astype(str).tolist(),
+        mass_factor=[float(low), float(middle), float(high)],
+    )
+
+
+def judge_added_mass(prepared: Prepared, posterior: xr.Dataset, prior: xr.Dataset) -> dict[str, Any]:
+    """The entry ``added_mass`` of ``diagnostics.json``; empty where no tissue moves along by the element.
+
+    A deceleration is that of K / (M + m) and C / (M + m), met at V M / (M + m): only its height over V tells
+    m, and K and C with it. A force below the tissue is (1 + m / M) M d and tells m by itself.
+
+    Args:
+        prepared: the fit.
+        posterior: of it.
+        prior: of it.
+
+    Returns:
+        ``parameter``, m's name; ``by``, what tells it: "force" or "velocity"; ``overlap``, of the posterior
+        of its mean over impacts with the prior; ``passed``, whether that is less than half; ``first``, what
+        the first line of the run is to say, if anything; ``words``.
+    """
+    which = element(prepared.model.element)
+    if which.added_mass is None:
+        return {}
+    name = next(one.name for one in which.extra if one.of_mass)
+    mean = intercept(parameter_of(name))
+    overlap = prior_overlap(posterior[mean].to_numpy(), prior[mean].to_numpy())
+    by_force = prepared.force is not None and tells_added_mass(prepared.force, which.name)
+    informed = bool(overlap <= MOSTLY)
+    low, middle, high = np.quantile(np.exp(posterior[mean].to_numpy()), (0.05, 0.5, 0.95))
+    numbers = {
+        "name": name,
+        "overlap": f"{100 * overlap:.0f} %",
+        "mass": f"{middle:.2g} kg (90 % interval {low:.2g} to {high:.2g} kg)",
+    }
+    kind = "prior" if not informed else "force" if by_force else "velocity"
+    words = sentence(f"prior-sensitive.{kind}", **numbers)
+    words += "" if by_force else f" {sentence('prior-sensitive.remedy')}"
+    first = "" if kind == "force" else sentence(f"prior-sensitive.first.{kind}", **numbers)
+    by = "force" if by_force else "velocity"
+    finding = Finding("prior-sensitive", passed=informed, words=words, first=first)
+    return finding.record(parameter=name, by=by, overlap=overlap)
