@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.dialect import DECIMALS, DELIMITERS, Dialect, Stated, text_table
 from bayestissue.dataset.files import Source
-from bayestissue.dataset.tables import Columns, read_table
+from bayestissue.dataset.formats import Contents
+from bayestissue.dataset.tables import read_table
 from bayestissue.errors import InputError
 
 TIME = np.arange(300) / 1000 - 0.005
@@ -60,9 +61,9 @@ def test_numbers_are_those_that_were_written(
 ) -> None:
     names = "Zeit|Beschleunigung_ä"
     found = read(tmp_path / "a.csv", table(delimiter, decimal, names=names), encoding)
-    assert list(found.numbers) == names.split("|")
-    for column, written in zip(found.numbers.values(), (TIME, VALUE), strict=True):
-        np.testing.assert_array_equal(column.array, written.round(4))
+    assert list(found.channels) == names.split("|")
+    for column, written in zip(found.channels.values(), (TIME, VALUE), strict=True):
+        np.testing.assert_array_equal(column.values, written.round(4))
         assert not column.text
     assert found.dialect is not None
     assert found.dialect.delimiter == delimiter
@@ -77,7 +78,7 @@ def test_thousands(delimiter: str, decimal: str, thousands: str, tmp_path: Path)
     if thousands == decimal:
         return
     found = read(tmp_path / "a.csv", table(delimiter, decimal, thousands=thousands))
-    np.testing.assert_array_equal(found.numbers["Kraft"].array, VALUE.round(4))
+    np.testing.assert_array_equal(found.channels["Kraft"].values, VALUE.round(4))
 
 
 @pytest.mark.parametrize(
@@ -97,9 +98,9 @@ def test_lines_above_the_numbers(
     delimiter: str, above: str, below: str, units: list[str], rows: tuple[int, int, int], tmp_path: Path
 ) -> None:
     found = read(tmp_path / "a.csv", table(delimiter, ".", above=above, below=below))
-    assert list(found.numbers) == ["Zeit", "Kraft"]
-    assert [column.unit for column in found.numbers.values()] == units
-    np.testing.assert_array_equal(found.numbers["Kraft"].array, VALUE.round(4))
+    assert list(found.channels) == ["Zeit", "Kraft"]
+    assert [column.unit for column in found.channels.values()] == units
+    np.testing.assert_array_equal(found.channels["Kraft"].values, VALUE.round(4))
     assert found.dialect is not None
     assert (found.dialect.header_row, found.dialect.units_row, found.dialect.first_row) == rows
 
@@ -107,35 +108,35 @@ def test_lines_above_the_numbers(
 @pytest.mark.parametrize("delimiter", [",", ";", " "])
 def test_columns_without_names_are_numbered(delimiter: str, tmp_path: Path) -> None:
     found = read(tmp_path / "a.csv", table(delimiter, ".", names=""))
-    assert list(found.numbers) == ["column 1", "column 2"]
-    assert found.numbers["column 1"].array.size == TIME.size
+    assert list(found.channels) == ["column 1", "column 2"]
+    assert found.channels["column 1"].values.size == TIME.size
     counted = read(tmp_path / "a.csv", table(delimiter, ".", names="0|1"))
-    assert list(counted.numbers) == ["0", "1"]
-    assert counted.numbers["0"].array.size == TIME.size
+    assert list(counted.channels) == ["0", "1"]
+    assert counted.channels["0"].values.size == TIME.size
 
 
 def test_a_mark_at_the_end_of_each_line_makes_no_column(tmp_path: Path) -> None:
     text = table(";", ",").replace("\n", ";\n")
     for whole in (text, text.replace("Kraft;", "Kraft")):
         found = read(tmp_path / "a.csv", whole)
-        np.testing.assert_array_equal(found.numbers["Kraft"].array, VALUE.round(4))
+        np.testing.assert_array_equal(found.channels["Kraft"].values, VALUE.round(4))
 
 
 def test_columns_by_spaces(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     np.savetxt(path, np.column_stack([TIME, VALUE]), header="t  a", fmt="%12.4f")
     found = read_table(Source.at(path), numbers=None)
-    assert list(found.numbers) == ["t", "a"]
-    np.testing.assert_array_equal(found.numbers["a"].array, VALUE.round(4))
+    assert list(found.channels) == ["t", "a"]
+    np.testing.assert_array_equal(found.channels["a"].values, VALUE.round(4))
 
 
 def test_one_mark_in_a_number_is_never_taken_for_thousands(tmp_path: Path) -> None:
     """1.234 kg among decimal commas may be 1234 or a slip: it is no number until somebody says so."""
     text = "a;b\n0,5;1.234\n1,5;2,5\n2,5;3,5\n"
     found = read(tmp_path / "a.csv", text)
-    assert found.numbers["b"].text == {0: "1.234"}
+    assert found.channels["b"].text == {0: "1.234"}
     said = read(tmp_path / "a.csv", text, stated=Stated(thousands="point"))
-    np.testing.assert_array_equal(said.numbers["b"].array, [1234, 2.5, 3.5])
+    np.testing.assert_array_equal(said.channels["b"].values, [1234, 2.5, 3.5])
 
 
 def test_what_is_stated_is_not_looked_for(tmp_path: Path) -> None:
@@ -143,10 +144,10 @@ def test_what_is_stated_is_not_looked_for(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="2 cells: 0,5"):
         read(tmp_path / "a.csv", text)
     np.testing.assert_array_equal(
-        read(tmp_path / "a.csv", text, stated=Stated(delimiter="semicolon")).numbers["a"].array, [0.5, 1.5]
+        read(tmp_path / "a.csv", text, stated=Stated(delimiter="semicolon")).channels["a"].values, [0.5, 1.5]
     )
     two = read(tmp_path / "b.csv", "u;v\na;b\n1;2\n3;4\n", stated=Stated(header_row=1, units_row=2))
-    assert [(name, column.unit) for name, column in two.numbers.items()] == [("u", "a"), ("v", "b")]
+    assert [(name, column.unit) for name, column in two.channels.items()] == [("u", "a"), ("v", "b")]
 
 
 def test_a_row_that_is_stated_must_be_there(tmp_path: Path) -> None:
@@ -154,7 +155,7 @@ def test_a_row_that_is_stated_must_be_there(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=f"column {key}: found {row}; expected a row that is not empty"):
             read(tmp_path / "a.csv", "a;b\n\n1;2\n3;4\n", stated=Stated(**{key: row}))
     without = read(tmp_path / "a.csv", "s;g\n1;2\n3;4\n", stated=Stated(header_row=0))
-    assert list(without.numbers) == ["column 1", "column 2"]
+    assert list(without.channels) == ["column 1", "column 2"]
 
 
 def test_empty_columns_of_a_spreadsheet_are_none(tmp_path: Path) -> None:
@@ -177,7 +178,7 @@ def test_bad_cells_at_the_top_are_no_header(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("time_s,value\nn/a,-9\n" + "".join(f"{t},{t}\n" for t in range(50)))
     found = read_table(Source.at(path), numbers=["time_s", "value"])
-    assert found.numbers["time_s"].text == {0: "n/a"}
+    assert found.channels["time_s"].text == {0: "n/a"}
     assert found.first_row == 2
 
 
@@ -227,7 +228,7 @@ def test_any_text_is_read_or_refused(text: str, encoding: str) -> None:
                 found = read_any()
             except InputError:
                 continue
-            if isinstance(found, Columns):
-                assert all(np.isfinite(each.array).any() for each in found.numbers.values())
+            if isinstance(found, Contents):
+                assert all(np.isfinite(each.values).any() for each in found.channels.values())
     finally:
         shutil.rmtree(path.parent)

@@ -15,6 +15,7 @@ import pandas as pd
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.cells import Records, column_problems
 from bayestissue.dataset.channels import on_first_clock
+from bayestissue.dataset.formats import Channel, Contents, Labels
 from bayestissue.dataset.impacts import impact_table, wanted
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.read import checked_dataset
@@ -33,7 +34,6 @@ from bayestissue.dataset.settings import (
     plain_value,
     reworded,
 )
-from bayestissue.dataset.tables import Columns, Labels, Numbers
 from bayestissue.dataset.traces import Trace
 from bayestissue.declarations import taking
 from bayestissue.errors import InputError, Problem, all_of, along_with, refuse
@@ -195,7 +195,7 @@ def plain_text(value: Any) -> str:
 
 def _columns(
     traces: Any, impacts: list[str], signal: SignalSettings, optional: Sequence[str] = ()
-) -> tuple[str, Columns, np.ndarray]:
+) -> tuple[str, Contents, np.ndarray]:
     """What messages call the recordings, all samples under one another, and their rows.
 
     Those ``optional`` columns of a table are added that hold numbers.
@@ -211,7 +211,7 @@ def _columns(
         if not len(codes):
             raise InputError.stated("no-rows.samples", _LONG, value="no rows")
         all_names = tuple(map(str, traces))
-        return _LONG, Columns(numbers, {"impact": labels}, names=all_names), np.arange(len(codes))
+        return _LONG, Contents(numbers, labels={"impact": labels}, columns=all_names), np.arange(len(codes))
     if isinstance(traces, Mapping):
         named = [(plain_text(name), trace) for name, trace in traces.items()]
     elif isinstance(traces, Sequence) and not isinstance(traces, str) and len(traces) == len(impacts):
@@ -220,16 +220,16 @@ def _columns(
         kind = f"{len(traces)} recordings" if isinstance(traces, Sequence) else type(traces).__name__
         raise InputError.stated("array-shape.recordings", _SINGLE, value=kind, count=len(impacts))
     pairs = all_of(lambda item: _pair(item[1], item[0], columns), named)
-    count = [len(times.array) for _, times, _ in pairs]
+    count = [len(times.values) for _, times, _ in pairs]
     labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
     row_ranges = (first + np.arange(number) for (first, *_), number in zip(pairs, count, strict=True))
     rows = np.concatenate([np.empty(0, int), *row_ranges])
     parts = zip(columns, ([times for _, times, _ in pairs], [values for *_, values in pairs]), strict=True)
-    numbers = {name: Numbers.joined(part) for name, part in parts}
-    return _SINGLE, Columns(numbers, {"impact": labels}), rows
+    numbers = {name: Channel.joined(part) for name, part in parts}
+    return _SINGLE, Contents(numbers, labels={"impact": labels}), rows
 
 
-def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbers, Numbers]:
+def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Channel, Channel]:
     """The first sample that is not hidden, and the times and values from there to the last such one."""
     if isinstance(trace, Trace):
         trace = trace.time_s, trace.value
@@ -247,10 +247,10 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbe
     times, readings = (
         _numbers(part, _SINGLE, name, impact) for part, name in zip(trace, columns, strict=True)
     )
-    if len(times.array) != len(readings.array):
-        counts = f"{len(times.array)} times and {len(readings.array)} values"
+    if len(times.values) != len(readings.values):
+        counts = f"{len(times.values)} times and {len(readings.values)} values"
         raise InputError.stated("array-shape.lengths", _SINGLE, value=counts, impact=impact)
-    hidden = np.zeros(len(times.array), bool)
+    hidden = np.zeros(len(times.values), bool)
     for part in trace:
         hidden |= np.ma.getmaskarray(part) if isinstance(part, np.ma.MaskedArray) else False
     if not hidden.any():
@@ -260,20 +260,20 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbe
     return int(first), _stretch(times, hidden, first, stop), _stretch(readings, hidden, first, stop)
 
 
-def _stretch(numbers: Numbers, hidden: np.ndarray, first: int, stop: int) -> Numbers:
+def _stretch(numbers: Channel, hidden: np.ndarray, first: int, stop: int) -> Channel:
     text = {index - first: words for index, words in numbers.text.items() if first <= index < stop}
-    return Numbers(np.where(hidden, np.nan, numbers.array)[first:stop], text)
+    return Channel(np.where(hidden, np.nan, numbers.values)[first:stop], text=text)
 
 
-def _numbers(values: Any, label: str, column: str, impact: str | None) -> Numbers:
+def _numbers(values: Any, label: str, column: str, impact: str | None) -> Channel:
     if np.ndim(values) == 1:
         series = pd.Series(values).reset_index(drop=True)
         if pd.api.types.is_numeric_dtype(series) and not pd.api.types.is_complex_dtype(series):
-            return Numbers(series.to_numpy(np.float64, na_value=np.nan))
+            return Channel(series.to_numpy(np.float64, na_value=np.nan))
         if series.dtype == object or pd.api.types.is_string_dtype(series):
             array = pd.to_numeric(series, errors="coerce").to_numpy(np.float64, na_value=np.nan)
             bad = np.flatnonzero(np.isnan(array) & series.notna().to_numpy())
-            return Numbers(array, {int(index): str(series.iloc[index]) for index in bad})
+            return Channel(array, text={int(index): str(series.iloc[index]) for index in bad})
     shape = f"an array of shape {np.shape(values)} of {getattr(values, 'dtype', type(values).__name__)}"
     raise InputError.stated("array-shape.numbers", label, column=column, value=shape, impact=impact)
 

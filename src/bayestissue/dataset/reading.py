@@ -12,11 +12,11 @@ import pandas as pd
 from jaxtyping import Int
 
 from bayestissue.dataset.files import Source, require_small
-from bayestissue.dataset.formats import Channel
-from bayestissue.dataset.recorders import read_recording, with_own_clock
-from bayestissue.dataset.recordings import Reading, Samples, Windows, crop, in_seconds, in_si, numbers_in
+from bayestissue.dataset.formats import Channel, Contents, Labels
+from bayestissue.dataset.recorders import read_recording, times_of, with_own_clock
+from bayestissue.dataset.recordings import Reading, Samples, Windows, crop, in_si, numbers_in
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import Columns, Labels, read_table
+from bayestissue.dataset.tables import read_table
 from bayestissue.dataset.traces import Trace
 from bayestissue.errors import InputError, Problem
 
@@ -62,7 +62,7 @@ def read_long(
 
 
 def long_reading(
-    file: str, table: Columns, rows: Int[np.ndarray, " row"], impacts: list[str], signal: SignalSettings
+    file: str, table: Contents, rows: Int[np.ndarray, " row"], impacts: list[str], signal: SignalSettings
 ) -> Reading:
     """The recordings in columns that were read already, sorted by impact.
 
@@ -73,7 +73,7 @@ def long_reading(
         impacts: the names that there should be, in order.
         signal: names of the columns, units, scale and offset.
     """
-    times, readings = table.numbers[signal.time_column], table.numbers[signal.value_column]
+    times, readings = table.channels[signal.time_column], table.channels[signal.value_column]
     labels = table.labels["impact"]
     position = {name: index for index, name in reversed(list(enumerate(impacts)))}
     codes = np.array([position.get(name, -1) for name in labels.names], int)[labels.codes]
@@ -81,8 +81,8 @@ def long_reading(
     count = np.bincount(codes[codes >= 0], minlength=len(impacts))
     has = np.flatnonzero(count)
     samples = Samples(
-        times.array[order] if times.seconds else in_seconds(times.array[order], signal),
-        in_si(readings.array[order], signal),
+        times_of(times, signal)[order],
+        in_si(readings.values, signal)[order],
         np.concatenate([[0], np.cumsum(count[has])]),
         has,
         [file] * has.size,

@@ -20,13 +20,12 @@ from bayestissue.dataset.formats import (
     Channel,
     Contents,
     UnfitError,
-    even_clock,
     labview,
     unit_in_name,
 )
 from bayestissue.dataset.recordings import in_seconds
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, Columns, Numbers, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, read_table
 from bayestissue.dataset.traces import MIN_SAMPLES
 from bayestissue.dataset.units import dimension_of, to_si
 from bayestissue.errors import InputError, Problem, refuse
@@ -73,13 +72,8 @@ def contents_of(source: Source) -> Contents:
     """
     if not _is_table(source):
         return _contents(source)
-    numbers = read_table(source, numbers=None)
-    channels = {}
-    for name, column in numbers.numbers.items():
-        values = _to_its_end(column.array)
-        clock = _clock(numbers, values.size)
-        channels[name] = Channel(values, clock, column.unit or unit_in_name(name))
-    return Contents(channels, numbers.first_row, str(numbers.dialect or ""))
+    table = read_table(source, numbers=None)
+    return replace(table, channels={name: _whole(name, table.channels[name]) for name in table.channels})
 
 
 def _is_table(source: Source) -> bool:
@@ -113,14 +107,11 @@ def is_text_of_numbers(path: Path) -> bool:
     return len(lines) >= MIN_SAMPLES and numbers > 0.8 * len(cells)
 
 
-def _to_its_end(values: np.ndarray) -> np.ndarray:
-    """A column without the empty cells behind its end, where others of the table are longer."""
-    filled = np.flatnonzero(np.isfinite(values))
-    return values[: filled[-1] + 1] if filled.size else values
-
-
-def _clock(table: Columns, samples: int) -> np.ndarray | None:
-    return even_clock(table.clock[1], table.clock[0], samples) if table.clock else None
+def _whole(name: str, column: Channel) -> Channel:
+    """A column with its unit, without empty cells behind its end, where others of the table are longer."""
+    count = int(np.flatnonzero(np.isfinite(column.values))[-1]) + 1
+    clock = None if column.clock is None else column.clock[:count]
+    return replace(column, values=column.values[:count], clock=clock, unit=column.unit or unit_in_name(name))
 
 
 def long_enough(channels: Mapping[str, Channel]) -> list[str]:
@@ -163,12 +154,11 @@ def _from_table(source: Source, signal: SignalSettings, first: SignalSettings | 
         columns = {"numbers": [signal.value_column], "optional": [signal.time_column]}
     read = partial(read_table, source, **columns)
     table, signal = with_own_clock(read, signal, first, source.label)
-    value, time = table.numbers[signal.value_column], table.numbers.get(signal.time_column)
-    count, text = value.array.size, {**(time.text if time else {}), **value.text}
-    clock = _clock(table, count)
-    if time is not None:
-        clock = time.array if time.seconds else in_seconds(time.array, signal)
-    return Channel(value.array, clock, rows=table.first_row + np.arange(count), text=text)
+    value, time = table.channels[signal.value_column], table.channels.get(signal.time_column)
+    rows = table.first_row + np.arange(value.values.size)
+    if time is None:
+        return replace(value, rows=rows)
+    return replace(value, clock=times_of(time, signal), rows=rows, text={**time.text, **value.text})
 
 
 def _pick(contents: Contents, label: str, signal: SignalSettings, first: SignalSettings | None) -> Channel:
@@ -184,12 +174,7 @@ def _pick(contents: Contents, label: str, signal: SignalSettings, first: SignalS
     refuse(problems)
     value, time = channels[name], channels.get(signal.time_column)
     if time is not None and first is not None:
-        clocks = {
-            key: Numbers(channels[key].values, unit=channels[key].unit)
-            for key in {*clocks_among([*channels]), first.time_column} & {*channels}
-        }
-        _, own = own_clock([*channels], clocks, signal, first, label)
-        time = Channel(own.array) if own else time
+        _, time = own_clock(contents, signal, first, label)
     count = value.values.size
     if count < MIN_SAMPLES and (others := long_enough(channels)):
         limits = {"least": MIN_SAMPLES, "others": ", ".join(others)}
@@ -208,21 +193,21 @@ def clocks_among(names: Sequence[str]) -> list[str]:
     return [name for name, unit in units.items() if dimension_of(unit) in (None, "time")]
 
 
+def times_of(column: Channel, signal: SignalSettings) -> np.ndarray:
+    """The times that a column holds, s."""
+    return column.values if column.since is not None else in_seconds(column.values, signal)
+
+
 def own_clock(
-    names: Sequence[str],
-    columns: Mapping[str, Numbers],
-    signal: SignalSettings,
-    first: SignalSettings,
-    label: str,
-) -> tuple[str, Numbers | None]:
+    contents: Contents, signal: SignalSettings, first: SignalSettings, label: str
+) -> tuple[str, Channel | None]:
     """The name and the times of a channel, in the unit and since the beginning of the first one's.
 
     Where the values of each channel stand behind times of their own, these are the nearest before them. Where
     the places do not tell, the first channel's times, if no others contradict them.
 
     Args:
-        names: of all columns, in the order of the file.
-        columns: those of `clocks_among`, and both channels' times.
+        contents: of the file, at least what is among `clocks_among` and both channels' times.
         signal: the settings of the channel.
         first: those of the first one; of itself where there is one channel.
         label: what to call the file in a message.
@@ -230,6 +215,7 @@ def own_clock(
     Raises:
         InputError: times that differ could all be the channel's.
     """
+    names, columns = contents.names, contents.channels
     shared = columns.get(first.time_column)
     if signal.time_column != first.time_column or shared is None:
         times = columns.get(signal.time_column)
@@ -250,7 +236,7 @@ def own_clock(
     alone = {name for name, behind in pairwise([*names, first.time_column]) if behind in clocks}
     for name in clocks:
         times = _as_beside(columns[name], name, shared, first)
-        if name in alone | {own, of_first} and _contradict(shared.array, times.array):
+        if name in alone | {own, of_first} and _contradict(shared.values, times.values):
             listed = ", ".join(clocks)
             raise InputError.stated(
                 "clock-and-channel.which", label, value=listed, channel=signal.value_column
@@ -259,8 +245,8 @@ def own_clock(
 
 
 def with_own_clock(
-    read: Callable[..., Columns], signal: SignalSettings, first: SignalSettings | None, label: str
-) -> tuple[Columns, SignalSettings]:
+    read: Callable[..., Contents], signal: SignalSettings, first: SignalSettings | None, label: str
+) -> tuple[Contents, SignalSettings]:
     """A table, a further channel's times by `own_clock`; and the settings with their name.
 
     Args:
@@ -274,30 +260,29 @@ def with_own_clock(
     if first is None or not others or first.time_column not in table.names:
         return table, signal
     table = read(optional=list({*clocks_among(table.names), first.time_column, signal.time_column}))
-    name, times = own_clock(table.names, table.numbers, signal, first, label)
+    name, times = own_clock(table, signal, first, label)
     if times is None:
         return table, signal
-    return replace(table, numbers=table.numbers | {name: times}), signal.model_copy(
-        update={"time_column": name}
-    )
+    table = replace(table, channels=table.channels | {name: times})
+    return table, signal.model_copy(update={"time_column": name})
 
 
-def _rises(times: Numbers, like: Numbers) -> bool:
-    known = times.array[np.isfinite(times.array)]
-    return times.seconds == like.seconds and known.size > 1 and bool(known[-1] > known[0])
+def _rises(times: Channel, like: Channel) -> bool:
+    known = times.values[np.isfinite(times.values)]
+    same = (times.since is None) == (like.since is None)
+    return same and known.size > 1 and bool(known[-1] > known[0])
 
 
-def _as_beside(times: Numbers, name: str, shared: Numbers | None, first: SignalSettings) -> Numbers:
+def _as_beside(times: Channel, name: str, shared: Channel | None, first: SignalSettings) -> Channel:
     """Times in the unit of others; times of day since the beginning of these."""
     if shared is None:
         return times
-    if times.seconds and shared.seconds:
-        late = within_a_day(times.start - shared.start)
-        return replace(times, array=times.array + late)
+    if times.since is not None and shared.since is not None:
+        return replace(times, values=times.values + within_a_day(times.since - shared.since))
     units = (times.unit or unit_in_name(name), shared.unit or unit_in_name(first.time_column))
     if units[0] == units[1] or {dimension_of(unit, ["time"]) for unit in units} != {"time"}:
         return times
-    return replace(times, array=times.array * (to_si(units[0], "time") / to_si(units[1], "time")))
+    return replace(times, values=times.values * (to_si(units[0], "time") / to_si(units[1], "time")))
 
 
 def _contradict(times: np.ndarray, others: np.ndarray) -> bool:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
-from jaxtyping import Float64, Int
 
 from bayestissue.dataset import clock_times
 from bayestissue.dataset.cells import column_problems, ragged_problem
 from bayestissue.dataset.dialect import Dialect, TextTable, is_clock, text_table
 from bayestissue.dataset.files import Source, error_line, require_small
+from bayestissue.dataset.formats import Channel, Contents, Labels, even_clock
 from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.results.tables import as_written
 
@@ -30,81 +30,13 @@ FIRST_ROW = 2
 BEYOND_LIMIT = {"∞": np.inf, "+∞": np.inf, "-∞": -np.inf}
 
 
-@dataclass(frozen=True)
-class Numbers:
-    """A column of numbers; ``text`` keeps what stood in the cells that held something else.
-
-    Attributes:
-        array: not a number (nan) where the cell was empty or held no number; infinite of `BEYOND_LIMIT`.
-        text: from the index of such a cell to what stood there.
-        unit: as a line of units states it; empty where none does.
-        seconds: whether the cells hold times of day, which are seconds since the first one here.
-        start: that first one, s.
-    """
-
-    array: Float64[np.ndarray, " row"]
-    text: dict[int, str] = field(default_factory=dict)
-    unit: str = ""
-    seconds: bool = False
-    start: float = 0.0
-
-    @classmethod
-    def joined(cls, parts: Sequence[Numbers]) -> Numbers:
-        """Several columns end to end."""
-        begin = np.cumsum([0, *(part.array.size for part in parts)])
-        words = zip(begin, (part.text for part in parts), strict=False)
-        text = {int(first) + index: text[index] for first, text in words for index in text}
-        return cls(np.concatenate([np.empty(0), *(part.array for part in parts)]), text)
-
-
-@dataclass(frozen=True)
-class Labels:
-    """A column of names, each stored once.
-
-    Attributes:
-        codes: for every row the index into ``names``.
-        names: the distinct names, in order of appearance.
-    """
-
-    codes: Int[np.ndarray, " row"]
-    names: tuple[str, ...]
-
-    @classmethod
-    def distinct(cls, codes: Int[np.ndarray, " row"], names: Iterable[str]) -> Labels:
-        """Rows by names of which some may be alike."""
-        names = list(names)
-        number = {name: index for index, name in enumerate(dict.fromkeys(names))}
-        return cls(np.array([number[name] for name in names], int)[codes], tuple(number))
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Columns of a table.
-
-    Attributes:
-        numbers: by name.
-        labels: by name.
-        first_row: the row of the first record in the file.
-        dialect: how a text table is written; None of other tables.
-        clock: the first time and the step in s, where a text states them beside the numbers.
-        names: of all columns of the file.
-    """
-
-    numbers: dict[str, Numbers]
-    labels: dict[str, Labels] = field(default_factory=dict)
-    first_row: int = FIRST_ROW
-    dialect: Dialect | None = None
-    clock: tuple[float, float] | None = None
-    names: tuple[str, ...] = ()
-
-
 def read_table(
     source: Source,
     *,
     numbers: Sequence[str] | None,
     labels: Sequence[str] = (),
     optional: Sequence[str] = (),
-) -> Columns:
+) -> Contents:
     """Columns of a text (also packed), Excel or Parquet file.
 
     Args:
@@ -130,22 +62,22 @@ def read_table(
         table = _parse_parquet(data, schema, label, names, labels)
     else:
         table = _parse_text(text, label, names, labels, whole=numbers is not None)
-    table = replace(table, names=tuple(present))
+    table = replace(table, columns=tuple(present))
     if numbers is not None:
         return table
-    filled = {name: column for name, column in table.numbers.items() if _holds_numbers(column)}
-    return replace(table, numbers=filled)
+    filled = {name: column for name, column in table.channels.items() if _holds_numbers(column)}
+    return replace(table, channels=filled)
 
 
-def _holds_numbers(column: Numbers) -> bool:
+def _holds_numbers(column: Channel) -> bool:
     """Whether at least half of the filled cells hold a number, and any does."""
-    numbers = int(np.count_nonzero(np.isfinite(column.array)))
+    numbers = int(np.count_nonzero(np.isfinite(column.values)))
     return numbers > 0 and numbers >= sum(bool(text.strip()) for text in column.text.values())
 
 
 def _parse_text(
     text: TextTable, label: str, numbers: Sequence[str], labels: Sequence[str], *, whole: bool = True
-) -> Columns:
+) -> Contents:
     """The columns of a text; where it need not be ``whole``, a row may end before the last of them."""
     wanted = [*labels, *numbers]
     refuse(column_problems(label, text.names, wanted, text.dialect.header_row, stated=True))
@@ -157,7 +89,7 @@ def _parse_text(
     least = max(map(text.names.index, wanted), default=0) + 1 if whole else 1
     try:
         table = _parse(text, label, types | dict.fromkeys(numbers, pa.float64()), least)
-        columns = {name: Numbers(_floats(table[name])) for name in numbers}
+        columns = {name: Channel(_floats(table[name])) for name in numbers}
     except pa.ArrowInvalid:
         # Some cell is no number: read the cells as text, to say which.
         try:
@@ -168,17 +100,14 @@ def _parse_text(
     if not table.num_rows:
         raise InputError(_no_rows(label))
     units = dict(zip(text.names, text.units, strict=True))
-    return Columns(
-        {name: replace(column, unit=units[name] or column.unit) for name, column in columns.items()},
-        {name: _as_written(_labels(table[name])) for name in labels},
+    start, step = text.clock or (0.0, 0.0)
+    clock = even_clock(step, start, table.num_rows)
+    return Contents(
+        {name: replace(c, clock=clock, unit=units[name] or c.unit) for name, c in columns.items()},
         text.dialect.first_row,
-        text.dialect,
-        text.clock,
+        labels={name: _labels(table[name], as_written) for name in labels},
+        dialect=text.dialect,
     )
-
-
-def _as_written(labels: Labels) -> Labels:
-    return Labels.distinct(labels.codes, map(as_written, labels.names))
 
 
 def _no_rows(label: str) -> Problem:
@@ -232,11 +161,11 @@ def _without_trailing_blanks(table: pa.Table) -> pa.Table:
     return table.slice(0, rows)
 
 
-def _sifted(cells: pa.Array, dialect: Dialect) -> Numbers:
+def _sifted(cells: pa.Array, dialect: Dialect) -> Channel:
     if (times := clock_times.seconds(cells)) is not None:
         bad = np.flatnonzero(np.isnan(times[0]))
         text = {int(i): cells[int(i)].as_py() or "" for i in bad}
-        return Numbers(times[0], text, "s", seconds=True, start=times[1])
+        return Channel(times[0], unit="s", text=text, since=times[1])
     good = pc.match_substring_regex(cells, dialect.number)
     plain = pc.utf8_trim_whitespace(pc.if_else(good, cells, None))
     for mark, instead in (*((mark, "") for mark in dialect.thousands), (dialect.decimal, ".")):
@@ -246,12 +175,12 @@ def _sifted(cells: pa.Array, dialect: Dialect) -> Numbers:
     text = {int(index): cells[int(index)].as_py() or "" for index in bad}
     beyond = {index: BEYOND_LIMIT.get(words.strip(), np.nan) for index, words in text.items()}
     values[list(beyond)] = list(beyond.values())
-    return Numbers(values, text)
+    return Channel(values, text=text)
 
 
 def _parse_parquet(
     data: bytes, schema: pa.Schema, label: str, numbers: Sequence[str], labels: Sequence[str]
-) -> Columns:
+) -> Contents:
     wanted = [*labels, *numbers]
     refuse([*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)])
     try:
@@ -273,10 +202,8 @@ def _parse_parquet(
     )
     if not table.num_rows:
         raise InputError(_no_rows(label))
-    return Columns(
-        {name: _parquet_numbers(table[name]) for name in numbers},
-        {name: _labels(table[name]) for name in labels},
-    )
+    channels = {name: _parquet_numbers(table[name]) for name in numbers}
+    return Contents(channels, FIRST_ROW, labels={name: _labels(table[name]) for name in labels})
 
 
 def _schema(data: bytes, label: str) -> pa.Schema:
@@ -324,26 +251,26 @@ def _of_time(kind: pa.DataType) -> bool:
     return pa.types.is_timestamp(kind) or pa.types.is_time(kind) or pa.types.is_duration(kind)
 
 
-def _parquet_numbers(column: pa.ChunkedArray) -> Numbers:
+def _parquet_numbers(column: pa.ChunkedArray) -> Channel:
     if not _of_time(column.type):
-        return Numbers(_floats(column))
+        return Channel(_floats(column))
     counts = column.cast(pa.int64() if column.type.bit_width == 64 else pa.int32()).cast(pa.int64())
     # As whole numbers, of which a float would not hold all digits.
     first = counts.drop_null()[0].as_py() if counts.null_count < len(counts) else 0
     per_second = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[column.type.unit]
     start = first % (clock_times.DAY_S * per_second) / per_second
-    return Numbers(_floats(pc.subtract(counts, first)) / per_second, unit="s", seconds=True, start=start)
+    return Channel(_floats(pc.subtract(counts, first)) / per_second, unit="s", since=start)
 
 
 def _floats(column: pa.ChunkedArray) -> np.ndarray:
     return column.cast(pa.float64(), safe=False).fill_null(np.nan).to_numpy().astype(np.float64, copy=False)
 
 
-def _labels(column: pa.ChunkedArray) -> Labels:
+def _labels(column: pa.ChunkedArray, spelling: Callable[[str], str] = str) -> Labels:
     if not pa.types.is_dictionary(column.type):
         column = column.cast(pa.string()).dictionary_encode()
     single = column.unify_dictionaries().combine_chunks()
     single = single.chunk(0) if isinstance(single, pa.ChunkedArray) else single
-    names = [(name or "").strip() for name in single.dictionary.to_pylist()]
+    names = [spelling((name or "").strip()) for name in single.dictionary.to_pylist()]
     codes = single.indices.fill_null(len(names)).to_numpy(zero_copy_only=False)
     return Labels.distinct(codes, [*names, ""])

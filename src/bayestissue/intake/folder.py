@@ -198,7 +198,7 @@ def _listed(source: Source, contents: Contents) -> list[File]:
     """The recordings of a file that was read: each block of LabVIEW's text is one."""
     blocks = enumerate(contents.blocks, 1)
     parts = [(replace(source, part=str(number)), block) for number, block in blocks] or [(source, contents)]
-    return [File(part, _summaries(block), block.written) for part, block in parts]
+    return [File(part, _summaries(block), str(block.dialect or "")) for part, block in parts]
 
 
 def _summaries(contents: Contents) -> dict[str, ChannelSummary]:

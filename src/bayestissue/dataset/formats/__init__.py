@@ -11,6 +11,7 @@ from bayestissue.dataset.formats.channel import (
     Channel,
     Contents,
     Format,
+    Labels,
     UnfitError,
     even_clock,
     unit_in_name,
@@ -26,4 +27,14 @@ EACH = (
 )
 FORMATS: dict[str, Format] = {suffix: form for form in EACH for suffix in form.suffixes}
 
-__all__ = ["EACH", "FORMATS", "Channel", "Contents", "Format", "UnfitError", "even_clock", "unit_in_name"]
+__all__ = [
+    "EACH",
+    "FORMATS",
+    "Channel",
+    "Contents",
+    "Format",
+    "Labels",
+    "UnfitError",
+    "even_clock",
+    "unit_in_name",
+]

@@ -1,14 +1,16 @@
-"""What every format gives: channels of numbers, each with the unit and the clock that its file states."""
+"""What every format and table gives: channels of numbers, each with the unit and clock that its file has."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 from jaxtyping import Float64, Int
+
+from bayestissue.dataset.dialect import Dialect
 
 # "Impact (m/s^2)", "Impact [g]": text tables have no other place for a unit.
 # A name that stands there twice has its column behind, and a run its number.
@@ -18,14 +20,17 @@ _PLACE = re.compile(r"(\s(Run|Trial) ?#?\d+)?( \(column \d+\))?$", re.IGNORECASE
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel of a recorder.
+    """One channel of a recorder, or a table's column of numbers.
 
     Attributes:
-        values: as the file gives them, scaled where the format itself defines a scale.
+        values: as the file gives them, scaled where the format itself defines a scale. Not a number (nan)
+            where a cell was empty or held none; infinite of what is beyond a recorder's range.
         clock: the recorder's time of each sample in s, where the format carries one.
         unit: as the file writes it; empty where it states none.
         rows: of each sample the row in the file; None where each has the row behind the one before.
         text: what stood in cells that held no number, by the index of the sample.
+        since: of times of day, which are in seconds since the first one here, that first one, s; None of
+            others.
     """
 
     values: Float64[np.ndarray, " sample"]
@@ -33,23 +38,61 @@ class Channel:
     unit: str = ""
     rows: Int[np.ndarray, " sample"] | None = None
     text: dict[int, str] = field(default_factory=dict)
+    since: float | None = None
+
+    @classmethod
+    def joined(cls, parts: Sequence[Channel]) -> Channel:
+        """The values of several channels end to end."""
+        begin = np.cumsum([0, *(part.values.size for part in parts)])
+        words = zip(begin, (part.text for part in parts), strict=False)
+        text = {int(first) + index: text[index] for first, text in words for index in text}
+        return cls(np.concatenate([np.empty(0), *(part.values for part in parts)]), text=text)
+
+
+@dataclass(frozen=True)
+class Labels:
+    """A column of names, each stored once.
+
+    Attributes:
+        codes: for every row the index into ``names``.
+        names: the distinct names, in order of appearance.
+    """
+
+    codes: Int[np.ndarray, " row"]
+    names: tuple[str, ...]
+
+    @classmethod
+    def distinct(cls, codes: Int[np.ndarray, " row"], names: Iterable[str]) -> Labels:
+        """Rows by names of which some may be alike."""
+        names = list(names)
+        number = {name: index for index, name in enumerate(dict.fromkeys(names))}
+        return cls(np.array([number[name] for name in names], int)[codes], tuple(number))
 
 
 @dataclass(frozen=True)
 class Contents:
-    """All channels of a file, by name.
+    """The channels of a file that were read, by name; of a recorder's file all.
 
     Attributes:
         channels: in the order of the file; none where it holds several blocks.
         first_row: the row, or in a binary file the number, of the first sample.
-        written: how a text is written, in words; empty of other files.
         blocks: the recordings, of a format whose files may hold several.
+        labels: columns of names, by name.
+        columns: the names of all columns of a table, read or not.
+        dialect: how a text table is written; None of other files.
     """
 
     channels: dict[str, Channel]
     first_row: int = 1
-    written: str = ""
     blocks: tuple[Contents, ...] = ()
+    labels: dict[str, Labels] = field(default_factory=dict)
+    columns: tuple[str, ...] = ()
+    dialect: Dialect | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all that the file has, in its order."""
+        return self.columns or tuple(self.channels)
 
 
 @dataclass(frozen=True)
