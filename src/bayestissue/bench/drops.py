@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Set
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -32,7 +32,7 @@ from bayestissue.dataset.impacts import REFERENCE, RESERVED, impact_table, wante
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import left_out_text, reasons, write_left_out
 from bayestissue.dataset.read import checked_dataset
-from bayestissue.dataset.reading import read_files
+from bayestissue.dataset.recorders import read_files
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.write import settings_text
 from bayestissue.errors import InputError, Problem, refuse
@@ -511,9 +511,8 @@ def dataset_of(folder: Path, campaign: Campaign, row: Cells) -> Dataset:
     body = [[plain_text(value) for value in row.values()]]
     cells, rows = Records(list(row), body, [2]).cells(wanted(needs_velocity=True))
     table = impact_table(cells, rows, needs_velocity=True)
-    reading = read_files(folder, table.table, table.row, settings.signal)
-    reading.problems[:0] = table.problems
-    return checked_dataset(settings, table, reading, skip_bad=False, folder=folder, input_hash="")
+    reading = read_files(folder, table, settings.signal)
+    return replace(checked_dataset(settings, table, [reading]), folder=folder)
 
 
 def several(data: Dataset) -> int:

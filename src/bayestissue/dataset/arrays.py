@@ -14,13 +14,11 @@ import pandas as pd
 
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.cells import Records, column_problems
-from bayestissue.dataset.channels import on_first_clock
 from bayestissue.dataset.formats import Channel, Contents, Labels
 from bayestissue.dataset.impacts import impact_table, wanted
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.read import checked_dataset
-from bayestissue.dataset.reading import long_reading
-from bayestissue.dataset.recorders import with_own_clock
+from bayestissue.dataset.recorders import at_own_clock, clocks_beside, long_reading, on_first_clock
 from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import (
@@ -96,15 +94,13 @@ def dataset(
         with along_with(table.problems):
             label, recorded, sample_rows = _columns(traces, listed, settings.signal)
             further = [_further(one, channels, traces, listed, settings.signal) for one in settings.channel]
-        reading = long_reading(label, recorded, sample_rows, listed, settings.signal)
-        reading = replace(reading, problems=[*table.problems, *reading.problems])
-        hashed = _hash(settings, cells, [reading, *further])
-        made: Any = {"skip_bad": skip_bad, "folder": None, "input_hash": hashed}
-        checked = checked_dataset(settings, table, reading, further, **made)
+        readings = [long_reading(label, recorded, sample_rows, listed, settings.signal), *further]
+        checked = checked_dataset(settings, table, readings, skip_bad=skip_bad)
     warnings, left_out = (
         tuple(map(_in_words, problems)) for problems in (checked.warnings, checked.left_out)
     )
-    return replace(checked, warnings=warnings, left_out=left_out, table=_CALLED[IMPACTS])
+    hashed = _hash(settings, cells, readings)
+    return replace(checked, warnings=warnings, left_out=left_out, input_hash=hashed, table=_CALLED[IMPACTS])
 
 
 @contextmanager
@@ -158,10 +154,8 @@ def _further(
     if channel_traces is None and not isinstance(traces, pd.DataFrame):
         raise InputError.stated("array-shape.channel", _SINGLE, value="no traces", name=channel.name)
     if channel_traces is None:
-        label, _, rows = _columns(traces, impacts, signal)
-        columns, signal = with_own_clock(
-            lambda optional=(): _columns(traces, impacts, signal, optional)[1], signal, first, label
-        )
+        label, columns, rows = _columns(traces, impacts, signal, first)
+        columns, signal = at_own_clock(columns, signal, first, label)
         return on_first_clock(long_reading(label, columns, rows, impacts, signal), channel)
     suffix = f" of the channel {channel.name}"
     try:
@@ -194,11 +188,11 @@ def plain_text(value: Any) -> str:
 
 
 def _columns(
-    traces: Any, impacts: list[str], signal: SignalSettings, optional: Sequence[str] = ()
+    traces: Any, impacts: list[str], signal: SignalSettings, first: SignalSettings | None = None
 ) -> tuple[str, Contents, np.ndarray]:
     """What messages call the recordings, all samples under one another, and their rows.
 
-    Those ``optional`` columns of a table are added that hold numbers.
+    Of a further channel in a table with the ``first`` one, also numeric times of `clocks_beside`.
     """
     columns = (signal.time_column, signal.value_column)
     if isinstance(traces, pd.DataFrame):
@@ -206,11 +200,11 @@ def _columns(
         codes, names = pd.factorize(traces["impact"], use_na_sentinel=False)
         labels = Labels.distinct(codes, map(plain_text, names))
         able = traces.select_dtypes("number").columns.tolist()
-        further = [name for name in optional if able.count(name) == 1]
+        all_names = tuple(map(str, traces))
+        further = [name for name in clocks_beside(signal, first, all_names) if able.count(name) == 1]
         numbers = {name: _numbers(traces[name], _LONG, name, None) for name in {*columns, *further}}
         if not len(codes):
             raise InputError.stated("no-rows.samples", _LONG, value="no rows")
-        all_names = tuple(map(str, traces))
         return _LONG, Contents(numbers, labels={"impact": labels}, columns=all_names), np.arange(len(codes))
     if isinstance(traces, Mapping):
         named = [(plain_text(name), trace) for name, trace in traces.items()]

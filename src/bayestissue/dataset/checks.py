@@ -4,8 +4,7 @@ Samples and clocks first; then whether a recording can be that of an impact on t
 length and greatest value, as `bayestissue.dataset.motion` has them; and recordings that stand twice.
 
 A further check is a function of `Recordings`, in a module of its own where it compares recordings as
-`bayestissue.dataset.twins` does, a line among the stages below, and its words in ``messages.toml`` and
-``remedies.toml``.
+`bayestissue.dataset.twins` does, a line among the stages below, and its words in ``remedies.toml``.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float64
 
 from bayestissue.dataset.motion import Motion
@@ -239,6 +239,41 @@ def stated_problems(recordings: Recordings) -> Iterator[Problem]:
         key, column, sd = f"stated-error-too-large.{key}", f"uncertainty.{name}", getattr(sds, name)
         if sd >= PLAUSIBLE.most_sd * median:
             yield Problem.stated(key, FILE, None, column, sd, median=median, **words)
+
+
+def against_first(recordings: Recordings, first: Recordings) -> Iterator[Problem]:
+    """What the first channel says against a further one's recordings, whose samples and clocks are sound.
+
+    Times that do not meet the first channel's, a channel that never changes, and a force of the wrong sign.
+    """
+    recordings = recordings.of_impacts(first.name)
+    if not len(recordings.samples):
+        return
+    samples, owner = recordings.samples, recordings.samples.owner
+    reference = first.samples.slowing(first.quantity)
+    mine = pd.Index(first.name).get_indexer(pd.Index(recordings.name))[owner]
+    inside = (samples.time_s >= reference.time_s[reference.begin][mine]) & (
+        samples.time_s <= reference.time_s[reference.end - 1][mine]
+    )
+    recorded = reference.interpolated(samples.time_s, mine)
+    count = np.add.reduceat(inside.astype(int), samples.begin)
+    apart = count < MIN_SAMPLES
+    words = "{} of its samples while the first channel was recorded"
+    yield from recordings.where(apart, "channel-unfit.apart", words, count, least=MIN_SAMPLES)
+
+    def centred(values: Float64[np.ndarray, " sample"]) -> Float64[np.ndarray, " sample"]:
+        values = np.where(inside, values, 0.0)
+        mean = np.add.reduceat(values, samples.begin) / np.maximum(count, 1)
+        return np.where(inside, values - mean[owner], 0.0)
+
+    force, compared = centred(samples.value), centred(recorded)
+    dead = ~apart & (np.maximum.reduceat(np.abs(force), samples.begin) == 0)
+    yield from recordings.where(dead, "constant-signal", "{:g} in every sample", samples.value[samples.begin])
+    together = np.add.reduceat(force * compared, samples.begin)
+    sizes = [np.sqrt(np.add.reduceat(one**2, samples.begin)) for one in (force, compared)]
+    correlation = together / np.maximum(sizes[0] * sizes[1], np.finfo(float).tiny)
+    wrong = ~apart & ~dead & (correlation < 0)
+    yield from recordings.where(wrong, "channel-unfit.sign", "a correlation of {:.2f}", correlation)
 
 
 class RecordingCheck(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +12,23 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64
 
-from bayestissue.dataset.channels import checked_channel, read_channels
-from bayestissue.dataset.checks import check_recordings, stated_problems
+from bayestissue.dataset.checks import OF_SAMPLES, against_first, check_recordings, stated_problems
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import LeftOut, read_left_out
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.plausible import PLAUSIBLE
-from bayestissue.dataset.reading import find_long, read_files, read_long
+from bayestissue.dataset.recorders import read_recordings
 from bayestissue.dataset.recordings import Reading, Recordings, Windows, crop, with_limits
 from bayestissue.dataset.settings import FILE as SETTINGS
-from bayestissue.dataset.settings import STANDARD_GRAVITY, Settings, SignalSettings, read_settings
+from bayestissue.dataset.settings import (
+    STANDARD_GRAVITY,
+    ChannelSettings,
+    Settings,
+    SignalSettings,
+    read_settings,
+)
 from bayestissue.errors import InputError, Problem, along_with, collected
 from bayestissue.runtime import content_hash
 
@@ -68,35 +74,14 @@ def _named(problems: Iterable[Problem], impacts: Path) -> tuple[Problem, ...]:
 def _read(folder: Path, impacts: Path, *, skip_bad: bool, whole: bool) -> Dataset:
     settings, table = _tables(folder, impacts)
     with along_with(table.problems):
-        reading = _reading(folder, table, settings.signal)
-        further = read_channels(folder, table, settings)
+        readings = read_recordings(folder, table, settings)
         by_hand = LeftOut({}) if whole else read_left_out(folder, table.table["impact"])
-    files = [folder / SETTINGS, impacts, *reading.files]
-    files += [path for one in further for path in one.files if path not in files]
+    files = list(dict.fromkeys([folder / SETTINGS, impacts, *chain.from_iterable(r.files for r in readings)]))
     whole_hash = hashed = content_hash(files)
     if not whole and (folder / LEFT_OUT).exists():
         hashed = content_hash([*files, folder / LEFT_OUT])
-    reading = replace(reading, problems=[*table.problems, *reading.problems])
-    data = checked_dataset(
-        settings,
-        table,
-        reading,
-        further,
-        skip_bad=skip_bad,
-        folder=folder,
-        input_hash=hashed,
-        by_hand=by_hand,
-    )
-    return replace(data, whole_hash=whole_hash)
-
-
-def _reading(folder: Path, table: ImpactTable, signal: SignalSettings) -> Reading:
-    if "trace" not in table.table:
-        return read_long(folder, table.table["impact"].tolist(), signal)
-    if tables := find_long(folder):
-        value = f"{tables[0].name} beside a column trace in impacts.csv"
-        raise InputError.stated("which-recordings.both", tables[0].name, value=value)
-    return read_files(folder, table.table, table.row, signal)
+    data = checked_dataset(settings, table, readings, by_hand, skip_bad=skip_bad)
+    return replace(data, folder=folder, input_hash=hashed, whole_hash=whole_hash)
 
 
 def as_dataset(dataset: Dataset | str | Path) -> Dataset:
@@ -116,25 +101,19 @@ def as_dataset(dataset: Dataset | str | Path) -> Dataset:
 def checked_dataset(
     settings: Settings,
     table: ImpactTable,
-    reading: Reading,
-    further: Sequence[Reading] = (),
-    *,
-    skip_bad: bool,
-    folder: Path | None,
-    input_hash: str,
+    readings: Sequence[Reading],
     by_hand: LeftOut | None = None,
+    *,
+    skip_bad: bool = False,
 ) -> Dataset:
     """The dataset of what was read, by every check of recordings.
 
     Args:
         settings: what ``dataset.toml`` says.
         table: the impacts.
-        reading: the recordings, and what is wrong so far with the impacts and with them.
-        further: those of each further channel.
-        skip_bad: see `read_dataset`.
-        folder: where it was read from, if from one.
-        input_hash: of what was read.
+        readings: the recordings of the first channel, and of each further one.
         by_hand: the impacts that somebody left out.
+        skip_bad: see `read_dataset`.
 
     Raises:
         InputError: as of `read_dataset`.
@@ -143,17 +122,17 @@ def checked_dataset(
     chosen = list(by_hand.by_impact.values())
     _refuse_none_left(chosen, table)
     signal, impacts = settings.signal, table.table
-    # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
-    samples, outside = crop(reading.samples, Windows.stated(impacts, signal), impacts["impact"].tolist())
-    samples = with_limits(samples, signal.quantity, signal.limits_si)
-    chain: Any = {"gravity": signal.gravity_m_s2, "recorder": settings.recorder}
-    recordings = Recordings(samples, impacts, signal.quantity, settings.uncertainty, **chain).without(chosen)
+    signals = [signal, *(channel.as_signal(signal) for channel in settings.channel)]
+    first, *further = (_cropped(*pair, impacts) for pair in zip(readings, signals, strict=True))
+    low_pass: Any = {"gravity": signal.gravity_m_s2, "recorder": settings.recorder}
+    recordings = Recordings(first.samples, impacts, signal.quantity, settings.uncertainty, **low_pass)
+    recordings = recordings.without(chosen)
     findings = check_recordings(recordings)
-    problems = [p for p in (*reading.problems, *outside) if p.impact not in by_hand.by_impact]
+    problems = [p for p in (*table.problems, *first.problems) if p.impact not in by_hand.by_impact]
     problems += findings.problems
     problems += stated_problems(recordings.without(problems))
     channels = [
-        checked_channel(channel, one, impacts, signal, recordings.without(problems))
+        _checked_channel(channel, one, recordings.without(problems))
         for channel, one in zip(settings.channel, further, strict=True)
     ]
     problems += [p for one in channels for p in one.problems if p.impact not in by_hand.by_impact]
@@ -168,14 +147,43 @@ def checked_dataset(
     return Dataset(
         settings.in_si(),
         impacts[keep].reset_index(drop=True),
-        samples.kept(keep),
+        first.samples.kept(keep),
         tuple(one.samples.kept(keep) for one in channels),
         warnings=tuple(warning for warning in warnings if warning.impact not in bad),
         left_out=tuple(problems),
-        folder=folder,
-        input_hash=input_hash,
         rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),
     )
+
+
+def _cropped(reading: Reading, signal: SignalSettings, impacts: pd.DataFrame) -> Reading:
+    """A channel's recordings between the times that are stated, with what is at the sensor's limit.
+
+    Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
+    """
+    windows, names = Windows.stated(impacts, signal), impacts["impact"].tolist()
+    samples, outside = crop(reading.samples, windows, names)
+    samples = with_limits(samples, signal.quantity, signal.limits_si)
+    return replace(reading, samples=samples, problems=[*reading.problems, *outside])
+
+
+def _checked_channel(channel: ChannelSettings, reading: Reading, first: Recordings) -> Reading:
+    """A further channel's recordings with all that is wrong with them.
+
+    Samples and clocks as of the first channel, and what `against_first` finds.
+
+    Args:
+        channel: what ``dataset.toml`` says of it.
+        reading: the recordings, cropped.
+        first: the first channel, of impacts with nothing wrong so far.
+    """
+    impacts = first.impacts
+    if channel.file is not None:
+        # The rate that impacts.csv states is the first channel's.
+        impacts = impacts.drop(columns="sampling_rate_hz", errors="ignore")
+    recordings = Recordings(reading.samples, impacts, first.quantity, first.uncertainty)
+    findings = check_recordings(recordings, OF_SAMPLES)
+    unfit = against_first(findings.sound, first)
+    return replace(reading, problems=[*reading.problems, *findings.problems, *unfit])
 
 
 def _falls_unsaid(signal: SignalSettings, columns: Iterable[str]) -> Iterator[Problem]:

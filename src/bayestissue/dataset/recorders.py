@@ -1,10 +1,13 @@
-"""One impact out of a recorder's file: a table (CSV, Parquet) or one of `bayestissue.dataset.formats`."""
+"""Recordings out of files: one long table of all samples, or a recorder's file for each impact.
+
+A file is a table (CSV, Excel, Parquet) or of one of `bayestissue.dataset.formats`.
+"""
 
 from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -12,24 +15,28 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Int
 
 from bayestissue.dataset.clock_times import within_a_day
-from bayestissue.dataset.files import Source, error_line
+from bayestissue.dataset.files import Source, error_line, require_small
 from bayestissue.dataset.formats import (
     FORMATS,
     Channel,
     Contents,
+    Labels,
     UnfitError,
     labview,
     unit_in_name,
 )
-from bayestissue.dataset.recordings import in_seconds
-from bayestissue.dataset.settings import SignalSettings
+from bayestissue.dataset.impacts import ImpactTable
+from bayestissue.dataset.recordings import Reading, Samples, Windows, crop, in_seconds, in_si, numbers_in
+from bayestissue.dataset.settings import ChannelSettings, Settings, SignalSettings
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, read_table
-from bayestissue.dataset.traces import MIN_SAMPLES
+from bayestissue.dataset.traces import MIN_SAMPLES, Trace
 from bayestissue.dataset.units import dimension_of, to_si
-from bayestissue.errors import InputError, Problem, refuse
+from bayestissue.errors import InputError, Problem, all_of, refuse
 
+LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.xlsx", "traces.parquet")
 _TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
 SUFFIXES = (*TABLE_SUFFIXES, *FORMATS)
 # Names of columns that say time.
@@ -39,6 +46,235 @@ _NAMED = re.compile(
 # Of a sampling interval: times that differ by less are alike.
 _ALIKE = 0.25
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+def read_recordings(folder: Path, table: ImpactTable, settings: Settings) -> list[Reading]:
+    """The recordings of the first channel, and those of every further one on the first one's clock.
+
+    Args:
+        folder: the dataset's.
+        table: the impacts.
+        settings: what ``dataset.toml`` says.
+
+    Raises:
+        InputError: a table can't be read, or lacks a channel's column; there is no table of samples, or more
+            than one, or one beside a column ``trace``.
+    """
+    impacts = table.table["impact"].tolist()
+    path = _long_table(folder, in_files="trace" in table.table)
+
+    def read(signal: SignalSettings, first: SignalSettings | None = None) -> Reading:
+        if path is None:
+            return read_files(folder, table, signal, first)
+        return _read_long(path, impacts, signal, first)
+
+    def read_further(channel: ChannelSettings) -> Reading:
+        signal = channel.as_signal(settings.signal)
+        if channel.file is not None:
+            return on_first_clock(_read_long(folder / channel.file, impacts, signal), channel)
+        return on_first_clock(read(signal, settings.signal), channel)
+
+    return [read(settings.signal), *all_of(read_further, settings.channel)]
+
+
+def _long_table(folder: Path, *, in_files: bool) -> Path | None:
+    """The one table of all samples; None where each impact has a file, beside which there must be none."""
+    paths = [folder / name for name in LONG_TABLES if (folder / name).exists()]
+    if in_files:
+        if paths:
+            value = f"{paths[0].name} beside a column trace in impacts.csv"
+            raise InputError.stated("which-recordings.both", paths[0].name, value=value)
+        return None
+    if len(paths) > 1:
+        listed = ", ".join(path.name for path in paths)
+        raise InputError.stated("which-recordings.several", paths[0].name, value=listed)
+    if not paths:
+        tables, value = ", ".join(LONG_TABLES), "no table of samples"
+        raise InputError.stated("which-recordings.no-table", LONG_TABLES[0], value=value, tables=tables)
+    return paths[0]
+
+
+def on_first_clock(reading: Reading, channel: ChannelSettings) -> Reading:
+    """A channel's recordings by the first channel's clock."""
+    time = reading.samples.time_s + channel.time_offset_s
+    return replace(reading, samples=replace(reading.samples, time_s=time))
+
+
+def _read_long(
+    path: Path, impacts: list[str], signal: SignalSettings, first: SignalSettings | None = None
+) -> Reading:
+    """The recordings in one long table of all samples.
+
+    Args:
+        path: of the table.
+        impacts: the names in ``impacts.csv``, in order.
+        signal: names of the columns, units, scale and offset.
+        first: of a further channel the settings of the first one, which stands in the same table.
+    """
+    table = read_table(
+        Source(path, path.name, stated=signal),
+        numbers=[signal.time_column, signal.value_column],
+        labels=["impact"],
+        optional=partial(clocks_beside, signal, first),
+    )
+    table, signal = at_own_clock(table, signal, first, path.name)
+    rows = table.first_row + np.arange(table.labels["impact"].codes.size)
+    return replace(long_reading(path.name, table, rows, impacts, signal), files=[path])
+
+
+def long_reading(
+    file: str, table: Contents, rows: Int[np.ndarray, " row"], impacts: list[str], signal: SignalSettings
+) -> Reading:
+    """The recordings in columns that were read already, sorted by impact.
+
+    Args:
+        file: what messages call the table.
+        table: impact, time and value of each sample, in their units.
+        rows: of each sample what messages call its row.
+        impacts: the names that there should be, in order.
+        signal: names of the columns, units, scale and offset.
+    """
+    times, readings = table.channels[signal.time_column], table.channels[signal.value_column]
+    labels = table.labels["impact"]
+    position = {name: index for index, name in reversed(list(enumerate(impacts)))}
+    codes = np.array([position.get(name, -1) for name in labels.names], int)[labels.codes]
+    order = _order(codes)
+    count = np.bincount(codes[codes >= 0], minlength=len(impacts))
+    has = np.flatnonzero(count)
+    samples = Samples(
+        times_of(times, signal)[order],
+        in_si(readings.values, signal)[order],
+        np.concatenate([[0], np.cumsum(count[has])]),
+        has,
+        [file] * has.size,
+        rows[order],
+        signal.time_column,
+        signal.value_column,
+        _reordered_text({**times.text, **readings.text}, order, codes.size),
+    )
+    missing = [
+        Problem.stated("impacts-and-recordings.missing", file, None, "impact", "no samples", impact=name)
+        for index, name in enumerate(impacts)
+        # A name that stands there twice has been reported as such.
+        if not count[index] and name and position[name] == index
+    ]
+    return Reading(samples.to_their_ends, [*_unknown_impacts(file, labels, codes, rows), *missing], [])
+
+
+def _order(codes: np.ndarray) -> np.ndarray | slice:
+    if codes.size and codes[0] >= 0 and (codes[1:] >= codes[:-1]).all():
+        return slice(None)
+    return np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :]
+
+
+def _reordered_text(text: dict[int, str], order: np.ndarray | slice, rows: int) -> dict[int, str]:
+    if not text:
+        return {}
+    where = np.arange(rows)[order]
+    sites = np.flatnonzero(np.isin(where, list(text)))
+    return {int(site): text[int(where[site])] for site in sites}
+
+
+def _unknown_impacts(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -> Iterator[Problem]:
+    strange = np.flatnonzero(codes < 0)
+    for code, index in zip(*np.unique(labels.codes[strange], return_index=True), strict=True):
+        name, row = labels.names[code], rows[strange[index]]
+        value = name or "an empty cell"
+        yield Problem.stated("impacts-and-recordings.unknown", file, row, "impact", value, impact=name)
+
+
+def read_files(
+    folder: Path, table: ImpactTable, signal: SignalSettings, first: SignalSettings | None = None
+) -> Reading:
+    """Read one recorder file per impact, as the column ``trace`` names them.
+
+    Args:
+        folder: the dataset's.
+        table: the impacts, with a column ``trace`` and perhaps ``sampling_rate_hz``.
+        signal: names of the channels, units, scale and offset.
+        first: of a further channel the settings of the first one.
+    """
+    impacts, rows = table.table, table.row
+    problems: list[Problem] = []
+    pieces: list[Samples] = []
+    names = impacts["impact"].tolist()
+    rates, windows = numbers_in(impacts, "sampling_rate_hz"), Windows.stated(impacts, signal)
+    taken: dict[Source, list[int]] = {}
+    held: tuple[tuple[Source, str], Samples] | None = None
+    size = 0
+    for index, name in enumerate(impacts["trace"]):
+        try:
+            source = _inside(folder, name, int(rows[index]))
+            _require_apart(source, index, int(rows[index]), taken, windows)
+            # One that several impacts share is read once: they mostly follow each other.
+            key = (source, str(rates[index]))
+            if held is None or held[0] != key:
+                held = key, _samples(read_recording(source, signal, first), rates[index], name, signal)
+            whole = replace(held[1], impact=np.array([index]), file=[name])
+        except InputError as error:
+            of_impact = partial(replace, impact=names[index] or None, files_read=len(impacts))
+            problems += map(of_impact, error.problems)
+            continue
+        taken.setdefault(source, []).append(index)
+        piece, outside = crop(whole, windows, names)
+        problems += outside
+        if not outside:
+            size += piece.time_s.nbytes + piece.value.nbytes
+            require_small(size, "the recordings together")
+            pieces.append(piece)
+    files = list(dict.fromkeys(source.path for source in taken))
+    return Reading(Samples.joined(pieces, signal), problems, files)
+
+
+def read_one(source: Source, signal: SignalSettings, rate: float = np.nan) -> Trace:
+    """A whole recording, in SI units.
+
+    Args:
+        source: the file.
+        signal: names of the channels, units, scale and offset.
+        rate: the sampling rate in Hz, where the file has no times.
+
+    Raises:
+        InputError: the file is missing or damaged, lacks a channel, or has no times.
+    """
+    return _samples(read_recording(source, signal), rate, source.label, signal)[0]
+
+
+def _samples(recorded: Channel, rate: float, file: str, signal: SignalSettings) -> Samples:
+    """The recording in SI units, its times by the sampling rate (Hz) where it has none."""
+    time, count = recorded.clock, len(recorded.values)
+    if time is None and np.isfinite(rate):
+        time = np.arange(count) / rate
+    if time is None:
+        raise InputError.stated("no-times", file, column=signal.time_column, value="no times")
+    start, rows = np.array([0, count]), np.arange(count) if recorded.rows is None else recorded.rows
+    names, value = (signal.time_column, signal.value_column), in_si(recorded.values, signal)
+    return Samples(time, value, start, np.array([0]), [file], rows, *names, recorded.text).to_their_ends
+
+
+def _require_apart(
+    source: Source, index: int, row: int, taken: dict[Source, list[int]], windows: Windows
+) -> None:
+    """Refuse a recording, or a part of one, that an earlier impact has."""
+    if any(windows.meet(index, neighbour) for neighbour in taken.get(source, ())):
+        start, stop = windows.start[index], windows.stop[index]
+        cropped = np.isfinite(start) or np.isfinite(stop)
+        value = f"{source.label}, from {start:.6g} to {stop:.6g} s" if cropped else source.label
+        raise InputError.stated("impacts-and-recordings.shared", "impacts.csv", row, "trace", value)
+
+
+def _inside(folder: Path, name: str, row: int) -> Source:
+    if not name:
+        raise InputError.stated("which-recordings.none", "impacts.csv", row, "trace", "an empty cell")
+    try:
+        path = (folder / name).resolve()
+        outside = Path(name).is_absolute() or not path.is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):
+        outside = True
+    if outside:
+        raise InputError.stated("which-recordings.outside", "impacts.csv", row, "trace", name)
+    remedy = "Correct the cell in column trace of impacts.csv, or put the file there."
+    return Source.at(path, name, remedy=remedy)
 
 
 def read_recording(source: Source, signal: SignalSettings, first: SignalSettings | None = None) -> Channel:
@@ -149,11 +385,11 @@ def _contents(source: Source) -> Contents:
 
 
 def _from_table(source: Source, signal: SignalSettings, first: SignalSettings | None) -> Channel:
-    columns = {"numbers": [signal.time_column, signal.value_column]}
-    if "time_column" not in signal.model_fields_set:
-        columns = {"numbers": [signal.value_column], "optional": [signal.time_column]}
-    read = partial(read_table, source, **columns)
-    table, signal = with_own_clock(read, signal, first, source.label)
+    wanted = [signal.value_column]
+    if "time_column" in signal.model_fields_set:
+        wanted.insert(0, signal.time_column)
+    table = read_table(source, numbers=wanted, optional=partial(clocks_beside, signal, first))
+    table, signal = at_own_clock(table, signal, first, source.label)
     value, time = table.channels[signal.value_column], table.channels.get(signal.time_column)
     rows = table.first_row + np.arange(value.values.size)
     if time is None:
@@ -244,22 +480,33 @@ def own_clock(
     return first.time_column, shared
 
 
-def with_own_clock(
-    read: Callable[..., Contents], signal: SignalSettings, first: SignalSettings | None, label: str
-) -> tuple[Contents, SignalSettings]:
-    """A table, a further channel's times by `own_clock`; and the settings with their name.
+def clocks_beside(signal: SignalSettings, first: SignalSettings | None, names: Sequence[str]) -> list[str]:
+    """Which columns of times are read beside a channel: its own, and of a further one all of `own_clock`.
 
     Args:
-        read: reads the channel's columns, and ``optional`` further ones.
         signal: the settings of the channel.
         first: those of the first channel; None where this is the first, or has a table of its own.
+        names: of all columns of the table.
+    """
+    clocks = [signal.time_column]
+    if first is not None and first.time_column in names:
+        clocks += [first.time_column, *clocks_among(names)]
+    return list(dict.fromkeys(clocks))
+
+
+def at_own_clock(
+    table: Contents, signal: SignalSettings, first: SignalSettings | None, label: str
+) -> tuple[Contents, SignalSettings]:
+    """A table with a further channel's times by `own_clock`, and the settings with their name.
+
+    Args:
+        table: with the columns of `clocks_beside`.
+        signal: the settings of the channel.
+        first: as of `clocks_beside`.
         label: what to call the file in a message.
     """
-    table = read()
-    others = {*clocks_among(table.names), signal.time_column} - {first.time_column if first else ""}
-    if first is None or not others or first.time_column not in table.names:
+    if first is None or first.time_column not in table.names:
         return table, signal
-    table = read(optional=list({*clocks_among(table.names), first.time_column, signal.time_column}))
     name, times = own_clock(table, signal, first, label)
     if times is None:
         return table, signal

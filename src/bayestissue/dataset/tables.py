@@ -35,7 +35,7 @@ def read_table(
     *,
     numbers: Sequence[str] | None,
     labels: Sequence[str] = (),
-    optional: Sequence[str] = (),
+    optional: Callable[[Sequence[str]], Sequence[str]] = lambda names: (),
 ) -> Contents:
     """Columns of a text (also packed), Excel or Parquet file.
 
@@ -43,7 +43,8 @@ def read_table(
         source: the file.
         numbers: columns that hold numbers; if None, all in which at least half of the filled cells do.
         labels: columns that hold names.
-        optional: further columns of numbers, which need not be there.
+        optional: which further columns of numbers are read where they are there, by the names of all; of no
+            names, those by which the line of names is found.
 
     Raises:
         InputError: the file can't be read, lacks a column or names it twice, or has rows of the wrong length.
@@ -53,11 +54,11 @@ def read_table(
         schema = _schema(data, label)
         present, able = schema.names, [field.name for field in schema if _numeric(field.type)]
     else:
-        sought = [*labels, *optional, *wanted]
-        text = text_table(data, source, wanted=sought)
+        text = text_table(data, source, wanted=[*labels, *optional(()), *wanted])
         present = text.names
         able = [name for name in present if name and not (text.clock and is_clock(name))]
-    names = able if numbers is None else [*(name for name in optional if name in present), *wanted]
+    further = [name for name in optional(present) if name in present]
+    names = able if numbers is None else list(dict.fromkeys([*further, *wanted]))
     if source.suffix == ".parquet":
         table = _parse_parquet(data, schema, label, names, labels)
     else:

@@ -17,7 +17,7 @@ from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import Source
 from bayestissue.dataset.left_out import NEVER_READ, reason_of, write_left_out
-from bayestissue.dataset.reading import read_one
+from bayestissue.dataset.recorders import read_one
 from bayestissue.dataset.recordings import CROP, ends_of
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, parse_settings, reworded
