@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict
 
 from bayestissue.declarations import described
 from bayestissue.errors import InputError, Problem
+from bayestissue.remedies import messages
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -202,6 +203,8 @@ def _problem(detail: Any, schema: type[BaseModel], file: str, within: tuple[str,
     if detail["type"] == "model_type":
         allowed = ", ".join(allowed_keys(schema, location))
         return Problem.stated("key-value.table-of", file, None, key, detail["input"], allowed=allowed)
+    if detail["type"] in messages():
+        return Problem.stated(detail["type"], file, None, key, detail["input"], **detail["ctx"])
     message = detail["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
     shown = None if isinstance(detail["input"], Mapping) else detail["input"]
     words = {"expected": message[:1].lower() + message[1:]}

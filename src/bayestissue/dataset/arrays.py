@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +16,7 @@ from bayestissue.dataset.cells import Records, column_problems
 from bayestissue.dataset.formats import Channel, Contents, Labels
 from bayestissue.dataset.impacts import impact_table, wanted
 from bayestissue.dataset.model import Dataset
-from bayestissue.dataset.read import checked_dataset
+from bayestissue.dataset.read import checked_dataset, in_words
 from bayestissue.dataset.recorders import at_own_clock, clocks_beside, long_reading, on_first_clock
 from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
@@ -80,35 +79,27 @@ def dataset(
         InputError: everything that is wrong, each with its table, row (counted from 0), column and value,
             what was expected and how to mend it.
     """
-    with _in_the_callers_words():
-        content, channels = content_of({"name": name, **stated}), _by_name(channels)
-        if channels:
+
+    def checked() -> Dataset:
+        """By the names of files and keys, whose checks they are."""
+        content, by_name = content_of({"name": name, **stated}), _by_name(channels)
+        if by_name:
             value_column = stated.get("value_column", SignalSettings.model_fields["value_column"].default)
-            content["channel"] = _stated_channels(channels, value_column)
+            content["channel"] = _stated_channels(by_name, value_column)
         settings = parse_settings(content)
-        needs_velocity = settings.needs_velocity
+        signal, needs_velocity = settings.signal, settings.needs_velocity
         names, body = _texts(impacts)
         cells, rows = Records(names, body, range(len(body))).cells(wanted(needs_velocity=needs_velocity))
         table = impact_table(cells, rows, needs_velocity=needs_velocity)
         listed = cells["impact"].tolist()
         with along_with(table.problems):
-            label, recorded, sample_rows = _columns(traces, listed, settings.signal)
-            further = [_further(one, channels, traces, listed, settings.signal) for one in settings.channel]
-        readings = [long_reading(label, recorded, sample_rows, listed, settings.signal), *further]
-        checked = checked_dataset(settings, table, readings, skip_bad=skip_bad)
-    warnings, left_out = (
-        tuple(map(_in_words, problems)) for problems in (checked.warnings, checked.left_out)
-    )
-    hashed = _hash(settings, cells, readings)
-    return replace(checked, warnings=warnings, left_out=left_out, input_hash=hashed, table=_CALLED[IMPACTS])
+            label, recorded, sample_rows = _columns(traces, listed, signal)
+            further = [_further(one, by_name, traces, listed, signal) for one in settings.channel]
+        readings = [long_reading(label, recorded, sample_rows, listed, signal), *further]
+        data = checked_dataset(settings, table, readings, skip_bad=skip_bad)
+        return replace(data, input_hash=_hash(settings, cells, readings))
 
-
-@contextmanager
-def _in_the_callers_words() -> Iterator[None]:
-    try:
-        yield
-    except InputError as error:
-        raise InputError(map(_in_words, error.problems)) from None
+    return in_words(checked, _in_words, _CALLED[IMPACTS])
 
 
 def _in_words(problem: Problem) -> Problem:

@@ -57,7 +57,7 @@ _FURTHER_UNITS = frozenset([
 ])  # fmt: skip
 _RUN = re.compile(r"\s(Run|Trial) ?#?\d+$|^(Run|Trial|Data Set) ?#?\d+: *", re.IGNORECASE)
 # What an oscilloscope calls the first time and the step, which stand in the first row or that of units.
-_CLOCK = ("start", "increment")
+CLOCK = ("start", "increment")
 
 
 class Stated(Table):
@@ -320,11 +320,11 @@ class _Lines:
     def clock(self, names: _Record | None) -> tuple[float, float] | None:
         """The first time and the step, of a table with columns for them, as oscilloscopes write."""
         titles = [cell.casefold() for cell in names.bare] if names else []
-        if names is None or not {*_CLOCK} <= {*titles}:
+        if names is None or not {*CLOCK} <= {*titles}:
             return None
         first = [record.cells for record in self.records if record.row >= names.below][:2]
         for cells in first:
-            stated = [cells[at] if at < len(cells) else "" for at in map(titles.index, _CLOCK)]
+            stated = [cells[at] if at < len(cells) else "" for at in map(titles.index, CLOCK)]
             if all(map(_is_number, stated)):
                 start, step = (float(cell.replace(",", ".")) for cell in stated)
                 return start, step
@@ -400,11 +400,6 @@ def text_table(data: bytes, source: Source, *, wanted: Sequence[str] = (), named
         return TextTable(dialect, names, units, body, lines.delimiter, clock)
     tabbed = b"".join(b"\t".join(line.split()) + b"\n" for line in body.tobytes().splitlines())
     return TextTable(dialect, names, units, memoryview(tabbed), "\t", clock)
-
-
-def is_clock(name: str) -> bool:
-    """Whether a column of this name states the first time of a recording, or its step, in one cell."""
-    return name.casefold() in _CLOCK
 
 
 def _without_run(names: list[str], wanted: Sequence[str]) -> list[str]:
@@ -511,8 +506,9 @@ def _decimal(
     unsure = None
     separated = lines.delimiter == ","
     first = [record for record in lines.records if record.row >= first_row]
-    more = re.search(rb'"' if separated else rb"\d[.,]\d", body)
-    for records, above in ((first, 0), (_whole(body, lines.delimiter) if more else (), first_row - 1)):
+    tells = re.search(rb'"' if separated else rb"\d[.,]\d", body)
+    whole = body.tobytes().decode("utf-8", "ignore") if tells else ""
+    for records, above in ((first, 0), (_records(whole, lines.delimiter), first_row - 1)):
         for record in records:
             for column, text in enumerate(record.cells):
                 cell = text.strip()
@@ -531,10 +527,6 @@ def _decimal(
         if told:
             return ("," if told[","] > told["."] else "."), None
     return ".", unsure
-
-
-def _whole(body: memoryview, delimiter: str) -> Iterator[_Record]:
-    return _records(body.tobytes().decode("utf-8", "ignore"), delimiter)
 
 
 def _settled(decimal: str, mark: str, stated: Stated, *, named: bool) -> tuple[str, str | None]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -58,17 +58,27 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False, whole: bool = Fals
             "no-dataset.folder", str(path), value="a file" if folder.exists() else "no such folder"
         )
     impacts = _impacts_file(folder)
+
+    def named(problem: Problem) -> Problem:
+        return replace(problem, file=impacts.name) if problem.file == IMPACTS else problem
+
+    return in_words(lambda: _read(folder, impacts, skip_bad=skip_bad, whole=whole), named, impacts.name)
+
+
+def in_words(make: Callable[[], Dataset], words: Callable[[Problem], Problem], table: str) -> Dataset:
+    """A dataset, all that is wrong with it in the words of who made it.
+
+    Args:
+        make: the dataset.
+        words: the problem in these words.
+        table: what they call the table of impacts.
+    """
     try:
-        data = _read(folder, impacts, skip_bad=skip_bad, whole=whole)
+        data = make()
     except InputError as error:
-        raise InputError(_named(error.problems, impacts)) from None
-    warnings, left_out = (_named(problems, impacts) for problems in (data.warnings, data.left_out))
-    return replace(data, warnings=warnings, left_out=left_out, table=impacts.name)
-
-
-def _named(problems: Iterable[Problem], impacts: Path) -> tuple[Problem, ...]:
-    """What is wrong with impacts, by the name of the file that holds them."""
-    return tuple(replace(p, file=impacts.name) if p.file == IMPACTS else p for p in problems)
+        raise InputError(map(words, error.problems)) from None
+    warnings, left_out = (tuple(map(words, problems)) for problems in (data.warnings, data.left_out))
+    return replace(data, warnings=warnings, left_out=left_out, table=table)
 
 
 def _read(folder: Path, impacts: Path, *, skip_bad: bool, whole: bool) -> Dataset:

@@ -23,6 +23,7 @@ from bayestissue.dataset.formats import (
     FORMATS,
     Channel,
     Contents,
+    Format,
     Labels,
     UnfitError,
     labview,
@@ -256,8 +257,8 @@ def _require_apart(
     source: Source, index: int, row: int, taken: dict[Source, list[int]], windows: Windows
 ) -> None:
     """Refuse a recording, or a part of one, that an earlier impact has."""
-    if any(windows.meet(index, neighbour) for neighbour in taken.get(source, ())):
-        start, stop = windows.start[index], windows.stop[index]
+    start, stop, others = windows.start[index], windows.stop[index], taken.get(source, [])
+    if ((start < windows.stop[others]) & (windows.start[others] < stop)).any():
         cropped = np.isfinite(start) or np.isfinite(stop)
         value = f"{source.label}, from {start:.6g} to {stop:.6g} s" if cropped else source.label
         raise InputError.stated("impacts-and-recordings.shared", "impacts.csv", row, "trace", value)
@@ -291,9 +292,10 @@ def read_recording(source: Source, signal: SignalSettings, first: SignalSettings
     Raises:
         InputError: the file is missing, damaged, of an unknown format, or lacks a channel.
     """
-    if _is_table(source):
+    form = _format_of(source)
+    if form is None:
         return _from_table(replace(source, stated=signal), signal, first)
-    contents = _contents(source)
+    contents = _contents(source, form)
     if len(contents.blocks) > 1:
         value, part = f"{len(contents.blocks)} blocks", f"{source.label}#1"
         raise InputError.stated("no-channel.blocks", source.label, value=value, first=part)
@@ -306,24 +308,26 @@ def contents_of(source: Source) -> Contents:
     Raises:
         InputError: the file is missing, damaged or of an unknown format.
     """
-    if not _is_table(source):
-        return _contents(source)
+    form = _format_of(source)
+    if form is not None:
+        return _contents(source, form)
     table = read_table(source, numbers=None)
     return replace(table, channels={name: _whole(name, table.channels[name]) for name in table.channels})
 
 
-def _is_table(source: Source) -> bool:
-    """Whether a file is a table of text or cells: by its name, else by how it begins."""
+def _format_of(source: Source) -> Format | None:
+    """The format of a recorder's file, by its name, else by how it begins; None of a table."""
     suffix = source.suffix
     if suffix in FORMATS and suffix != labview.SUFFIX:
-        return False
-    begin = _begin(source.path)
+        return FORMATS[suffix]
+    begin, is_labview = _begin(source.path), suffix == labview.SUFFIX
+    if labview.is_measurement(begin) or (is_labview and not labview.is_headerless(begin)):
+        return FORMATS[labview.SUFFIX]
     # Whoever reads a file that is not there, or empty, says so.
-    if labview.is_measurement(begin):
-        return False
-    if suffix == labview.SUFFIX:
-        return labview.is_headerless(begin)
-    return suffix in _TABLES or is_text_of_numbers(source.path)
+    if is_labview or suffix in _TABLES or is_text_of_numbers(source.path):
+        return None
+    endings = ", ".join((*SUFFIXES, *TEXT_SUFFIXES))
+    raise InputError.stated("recorder-format", source.label, value=source.path.name, endings=endings)
 
 
 def _begin(path: Path) -> bytes:
@@ -355,18 +359,12 @@ def long_enough(channels: Mapping[str, Channel]) -> list[str]:
     return [name for name, channel in channels.items() if channel.values.size >= MIN_SAMPLES]
 
 
-def _contents(source: Source) -> Contents:
-    suffix, label = source.suffix, source.label
-    if suffix in _TABLES or (suffix not in FORMATS and labview.is_measurement(_begin(source.path))):
-        suffix = labview.SUFFIX
-    if suffix not in FORMATS:
-        endings = ", ".join((*SUFFIXES, *TEXT_SUFFIXES))
-        raise InputError.stated("recorder-format", label, value=source.path.name, endings=endings)
-    data = source.read(share=FORMATS[suffix].share)
+def _contents(source: Source, form: Format) -> Contents:
+    data, label = source.read(share=form.share), source.label
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            contents = FORMATS[suffix].read(data, label)
+            contents = form.read(data, label)
     except UnfitError as error:
         words = {"expected": error.expected, "remedy": error.remedy}
         raise InputError.stated("recorder-file", label, value=error.value, **words) from None
@@ -375,6 +373,7 @@ def _contents(source: Source) -> Contents:
     except Exception as error:
         # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
         line = error_line(error)
+        suffix = source.suffix if source.suffix in form.suffixes else form.suffixes[0]
         raise InputError.stated("damaged-file.recorder", label, value=line, suffix=suffix) from error
     if not source.part:
         return contents

@@ -148,10 +148,6 @@ class Windows:
         ends = zip(cells, ends_of(signal), strict=True)
         return cls(*(np.where(np.isfinite(cell), cell, end) for cell, end in ends))
 
-    def meet(self, first: int, second: int) -> bool:
-        """Whether two impacts of one recording have a stretch in common."""
-        return bool(self.start[first] < self.stop[second] and self.start[second] < self.stop[first])
-
 
 def crop(samples: Samples, windows: Windows, names: list[str]) -> tuple[Samples, list[Problem]]:
     """The samples inside the windows, and what is wrong with impacts that have none there.

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, LiteralString, Self, get_args
 
 from pydantic import (
     AfterValidator,
@@ -14,17 +14,20 @@ from pydantic import (
     ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
     model_serializer,
     model_validator,
 )
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
 
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.plausible import PLAUSIBLE
 from bayestissue.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
-from bayestissue.errors import InputError, Problem, collected, has_control_characters, refuse
+from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.literature import SITES
-from bayestissue.settings import Argument, Table, argument, checked, parse_toml, read_text, row_of
+from bayestissue.settings import Argument, Table, argument, checked, parse_toml, read_text
 
 FILE = "dataset.toml"
 STANDARD_GRAVITY = 9.80665
@@ -89,6 +92,13 @@ def _known_site(value: str) -> str:
     if value and value not in SITES:
         raise ValueError(f"one of {', '.join(SITES)}, or no site where none of them was hit")
     return value
+
+
+def _measuring(unit: str, dimension: Dimension | None, message: LiteralString) -> str:
+    """A unit that measures the ``dimension``; where none is known, any."""
+    if dimension and dimension_of(unit, [dimension]) is None:
+        raise PydanticCustomError(message, "{expected}", {"expected": EXAMPLES[dimension]})
+    return unit
 
 
 def _listed(value: Any) -> Any:
@@ -171,6 +181,12 @@ class SignalSettings(Stated):
     zero: Zero = "free_fall"
     contact: Contact | None = None
     crop: Annotated[tuple[float, ...], BeforeValidator(_listed), AfterValidator(_stretch)] | None = None
+
+    @field_validator("unit", "time_unit")
+    @classmethod
+    def _measures(cls, unit: str, info: ValidationInfo) -> str:
+        of_values = DIMENSIONS.get(info.data.get("quantity", ""))
+        return _measuring(unit, of_values if info.field_name == "unit" else "time", "unit.unknown")
 
     @property
     def dimension(self) -> Dimension:
@@ -308,6 +324,11 @@ class ChannelSettings(_Table):
     relative_gain_sd: Fraction = 0.0
     tip_mass_kg: Spread = 0.0
     recorder: LowPassFilter | None = None
+
+    @field_validator("unit")
+    @classmethod
+    def _measures(cls, unit: str, info: ValidationInfo) -> str:
+        return _measuring(unit, CHANNEL_DIMENSIONS.get(info.data.get("quantity", "")), "unit.channel")
 
     @model_validator(mode="after")
     def _somewhere(self) -> Self:
@@ -529,36 +550,4 @@ def parse_settings(raw: dict[str, Any], text: str = "") -> Settings:
     Raises:
         InputError: every unknown, missing or wrong entry.
     """
-    problems: list[Problem] = []
-    with collected(problems):
-        settings = checked(raw, Settings, file=FILE, text=text)
-    refuse([*problems, *_unit_problems(raw.get("signal"), text), *_channel_units(raw, text)])
-    return settings
-
-
-def _unit_problems(signal: Any, text: str) -> Iterator[Problem]:
-    """Units in the table ``[signal]`` that measure something else than they should."""
-    signal = signal if isinstance(signal, dict) else {}
-    quantity = signal.get("quantity")
-    wanted = {"time_unit": "time", "unit": DIMENSIONS.get(quantity) if isinstance(quantity, str) else None}
-    for key, dimension in wanted.items():
-        if dimension:
-            yield from _wrong_unit("unknown", signal.get(key), dimension, ("signal", key), text)
-
-
-def _channel_units(raw: Mapping[str, Any], text: str) -> Iterator[Problem]:
-    """The same of the tables ``[[channel]]``."""
-    channels = raw.get("channel")
-    for number, channel in enumerate(channels if isinstance(channels, list) else []):
-        channel = channel if isinstance(channel, dict) else {}
-        if dimension := CHANNEL_DIMENSIONS.get(str(channel.get("quantity"))):
-            key = ("channel", str(number), "unit")
-            yield from _wrong_unit("channel", channel.get("unit"), dimension, key, text)
-
-
-def _wrong_unit(
-    which: str, unit: Any, dimension: Dimension, key: tuple[str, ...], text: str
-) -> Iterator[Problem]:
-    if isinstance(unit, str) and unit and not dimension_of(unit, [dimension]):
-        row, expected = row_of(text, key), EXAMPLES[dimension]
-        yield Problem.stated(f"unit.{which}", FILE, row, ".".join(key), unit, expected=expected)
+    return checked(raw, Settings, file=FILE, text=text)

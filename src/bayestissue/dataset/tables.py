@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 
 from bayestissue.dataset import clock_times
 from bayestissue.dataset.cells import column_problems, ragged_problem
-from bayestissue.dataset.dialect import Dialect, TextTable, is_clock, text_table
+from bayestissue.dataset.dialect import CLOCK, Dialect, TextTable, text_table
 from bayestissue.dataset.files import Source, error_line, require_small
 from bayestissue.dataset.formats import Channel, Contents, Labels, even_clock
 from bayestissue.errors import InputError, Problem, refuse
@@ -56,7 +56,7 @@ def read_table(
     else:
         text = text_table(data, source, wanted=[*labels, *optional(()), *wanted])
         present = text.names
-        able = [name for name in present if name and not (text.clock and is_clock(name))]
+        able = [name for name in present if name and not (text.clock and name.casefold() in CLOCK)]
     further = [name for name in optional(present) if name in present]
     names = able if numbers is None else list(dict.fromkeys([*further, *wanted]))
     if source.suffix == ".parquet":
