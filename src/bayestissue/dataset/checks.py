@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from itertools import chain
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -276,27 +277,13 @@ def against_first(recordings: Recordings, first: Recordings) -> Iterator[Problem
     yield from recordings.where(wrong, "channel-unfit.sign", "a correlation of {:.2f}", correlation)
 
 
-class RecordingCheck(NamedTuple):
-    """One check of recordings.
-
-    Attributes:
-        find: what is wrong, each problem with the impact that it concerns.
-        sees: whether each recording by itself, or all of a dataset beside each other.
-        warns: whether what it finds stops nothing.
-    """
-
-    find: Callable[[Recordings], Iterable[Problem]]
-    sees: Literal["recording", "dataset"] = "recording"
-    warns: bool = False
-
+type Check = Callable[[Recordings], Iterable[Problem]]
+# A check of errors, and those that only warn.
+type Stage = tuple[Check, tuple[Check, ...]]
 
 # An impact with an error that one stage finds is not asked the next: it would only raise a false alarm.
-OF_SAMPLES = ((RecordingCheck(_sample_problems),), (RecordingCheck(_clock_problems),))
-OF_MOVEMENT = (
-    RecordingCheck(_movement_problems),
-    RecordingCheck(recording_twice, sees="dataset", warns=True),
-    RecordingCheck(_movement_warnings, warns=True),
-)
+OF_SAMPLES: tuple[Stage, ...] = ((_sample_problems, ()), (_clock_problems, ()))
+OF_MOVEMENT: Stage = (_movement_problems, (recording_twice, _movement_warnings))
 
 
 @dataclass(frozen=True)
@@ -309,7 +296,7 @@ class Findings:
 
 
 def check_recordings(
-    recordings: Recordings, stages: Iterable[tuple[RecordingCheck, ...]] = (*OF_SAMPLES, OF_MOVEMENT)
+    recordings: Recordings, stages: Iterable[Stage] = (*OF_SAMPLES, OF_MOVEMENT)
 ) -> Findings:
     """Check every recording.
 
@@ -322,13 +309,13 @@ def check_recordings(
         recordings: of whatever quantity.
         stages: the checks; of samples and clocks alone those of ``OF_SAMPLES``.
     """
-    found: dict[bool, list[Problem]] = {False: [], True: []}
+    problems: list[Problem] = []
+    warnings: list[Problem] = []
     with np.errstate(all="ignore"):
-        for stage in stages:
-            for check in stage:
-                if check.sees == "recording" or len(recordings.samples) > 1:
-                    found[check.warns] += check.find(recordings)
-            recordings = recordings.without(found[False])
+        for find, find_odd in stages:
+            problems += find(recordings)
+            warnings += chain.from_iterable(odd(recordings) for odd in find_odd)
+            recordings = recordings.without(problems)
             if not len(recordings.samples):
                 break
-    return Findings(found[False], found[True], recordings)
+    return Findings(problems, warnings, recordings)
