@@ -8,9 +8,10 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.declarations import declared
-from bayestissue.outline import counted, markdown_rows
+from bayestissue.outline import markdown_rows
 from bayestissue.paper.text import Text
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.page import part, worded
 from bayestissue.report.posterior import prior_remark
 from bayestissue.results.tables import table_of_rows
 
@@ -25,11 +26,16 @@ def checklists(run: FitRun, text: Text, certified: Mapping[str, Any] | None = No
         text: `text_of` it, whose sections answer items.
         certified: the ``verdict`` of its certificate, if it has one.
     """
-    known = _answers(run, certified or {})
-    rows = []
+    known, rows = part("words/checklists.jinja"), []
+    stated = {"prior": prior_remark(run.sensitivity)} | {
+        name: text for name, text in (certified or {}).items() if text
+    }
     for guideline, content in declared(__package__, _FILE).items():
         for item in content["items"]:
-            found = [known[key] if key in known else _section(text, key) for key in item.get("answers", [])]
+            found = [
+                worded("checklists", key, run, stated) if hasattr(known, key) else _section(text, key)
+                for key in item.get("answers", [])
+            ]
             answer = " ".join(filter(None, found))
             question = item.get("ask", "") or ("" if answer else item.get("ask_without", ""))
             rows.append((guideline, item["number"], item["item"], int(bool(answer)), answer, question))
@@ -57,36 +63,3 @@ def _cell(row: Mapping[Any, Any]) -> str:
 def _section(text: Text, heading: str) -> str:
     """What a section of methods.md says."""
     return " ".join(text.sections.get(heading, []))
-
-
-def _answers(run: FitRun, certified: Mapping[str, Any]) -> dict[str, str]:
-    """What sections do not say, by the keys of ``checklists.toml``; empty where the run does not know."""
-    record, people = run.record, run.people_count
-    model = record.get("model", {})
-    questions = model.get("questions", {})
-    formulas = model.get("formula", {})
-    per_person = sorted(set(run.impacts_table["person"].value_counts()))
-    of_person = f"{per_person[0]}" if len(per_person) == 1 else f"{per_person[0]} to {per_person[-1]}"
-    near = model.get("practical_equivalence", {})
-    regions = "; ".join(f"{name.replace('_', ' ')} {value}" for name, value in near.items())
-    versions = ", ".join(f"{name} {number}" for name, number in record.get("versions", {}).items())
-    moved = str(certified.get("prior", "") or prior_remark(run.sensitivity))
-    return {
-        "questions": f"Asked of the posterior: {'; '.join(questions.values())}." if questions else "",
-        "formulas": f"Formulas: {'; '.join(f'log {q} ~ {f}' for q, f in formulas.items())}.",
-        "priors": "All priors with their parameters stand in tables.xlsx and in the report.",
-        "formal": f"The model as it was resolved, “{model.get('name', '')}”, is in run.json; its equations "
-        "are in the manual's pages on the likelihood and the engine.",
-        "prior_predictive": "The run has draws of the prior and traces predicted by it (groups prior and "
-        "prior_predictive of posterior.nc); the report shows prior beside posterior.",
-        "software": f"{versions}." if versions else "",
-        "exact": "A Markov chain: no approximation of the posterior stands in its place.",
-        "form": str(run.diagnostics.get("model_form", {}).get("words", "")),
-        "decisions": f"Practically equivalent: {regions}." if regions else "",
-        "sensitivity": f"{moved} Power scaling of each quantity is in sensitivity.csv.".strip(),
-        "reproducible": f"Seed {record.get('seed')}; SHA-256 of the recordings "
-        f"{record.get('input_hash', '')}; versions above. {certified.get('words', '')}".strip(),
-        "numbers": f"{counted(people, 'person', 'people')}, {counted(len(run.impacts), 'impact')}, "
-        f"{of_person} of each person.",
-        "detailed": "summary.csv has every impact and every quantity.",
-    }

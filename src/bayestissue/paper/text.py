@@ -17,11 +17,11 @@ from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import QUANTITIES as PREDICTIONS
 from bayestissue.inference.checking.findings import findings
 from bayestissue.inference.results.meanings import TOGETHER, meaning, outcome_name
-from bayestissue.outline import counted
 from bayestissue.report.answers_page import question_lines
 from bayestissue.report.fit import answers, outcomes, study, words
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
+from bayestissue.report.page import worded
 from bayestissue.report.posterior import QUANTITIES, exponent, levels, spread
 from bayestissue.report.wording import PREDICTED, Spread, listed
 from bayestissue.words import PLAIN, Words
@@ -74,7 +74,11 @@ def text_of(run: FitRun, finished: Finished | None = None) -> Text:
     text = Text(f"Methods and results: {run.record['dataset']}", nouns=run.nouns)
     text.add("Measurements", _measurements(run), _uncertainty(run), _left_out(run), _flags(run))
     text.add("Model", f"{words.likelihood_words(run)} {words.signal_words(run)}", _formulas(run))
-    text.add("Computation", _computation(run, text), outcomes.pictures_words(run))
+    text.add(
+        "Computation",
+        worded("methods", "computation", run, _verdict(run), text.cite),
+        outcomes.pictures_words(run),
+    )
     verdict = run.record.get("verdict", {})
     sound = verdict.get("passed", True) and not verdict.get("warned") and not run.undescribed
     doubt = "" if sound else f"These results are in doubt: {_verdict(run)}"
@@ -102,17 +106,10 @@ def text_of(run: FitRun, finished: Finished | None = None) -> Text:
 
 
 def _measurements(run: FitRun) -> str:
-    trials = len(set(run.groups["constant_data"]["impact_trial"].to_numpy().tolist()))
+    conditions = len(set(run.groups["constant_data"]["impact_trial"].to_numpy().tolist()))
     time = run.times()
-    rate = 1e-3 / (time[:, 1] - time[:, 0])
-    analysed = (
-        f"{counted(len(run.impacts), 'impact')} on {counted(run.people_count, 'person', 'people')} in "
-        f"{counted(trials, 'condition')} were analysed."
-    )
-    return (
-        f"{analysed} The impactor had a mass of {_range(run.constant('mass_kg'))} kg and met the tissue at "
-        f"{_range(run.constant('velocity_m_s'))} m/s; its {run.shown} was recorded at {_range(rate)} kHz."
-    )
+    measured = (run.constant("mass_kg"), run.constant("velocity_m_s"), 1e-3 / (time[:, 1] - time[:, 0]))
+    return worded("methods", "measurements", run, conditions, *map(_range, measured))
 
 
 def _range(values: np.ndarray) -> str:
@@ -128,9 +125,7 @@ def _uncertainty(run: FitRun) -> str:
         for key, (name, factor, unit) in _ERRORS.items()
         if stated.get(key)
     ]
-    if not parts:
-        return "No error of the measuring chain was stated: the intervals hold none."
-    return f"Stated standard deviations of the measuring chain, which the intervals carry: {listed(parts)}."
+    return worded("methods", "uncertainty", parts)
 
 
 def _unit_of_signal(run: FitRun) -> str:
@@ -138,55 +133,21 @@ def _unit_of_signal(run: FitRun) -> str:
 
 
 def _left_out(run: FitRun) -> str:
-    if not run.record.get("left_out"):
-        return "No recording was left out."
     reasons: dict[str, list[str]] = {}
     names: dict[str, list[str]] = {}
     for line in run.record.get("exclusions", []):
         reasons.setdefault(str(line["impact"]), []).append(str(line["reason"]))
     for impact, why in reasons.items():
         names.setdefault("; ".join(dict.fromkeys(why)), []).append(impact)
-    count = len(reasons or run.record["left_out"])
-    total = len(run.impacts) + count
-    parts = [f"{listed(impacts)} ({why})" for why, impacts in names.items()]
-    which = f": {listed(parts)}" if parts else ""
-    return (
-        f"Of {total} recordings, {count} {'was' if count == 1 else 'were'} left out of the analysis{which}."
-    )
+    left_out = run.record.get("left_out", [])
+    count = len(reasons or left_out) if left_out else 0
+    return worded("methods", "left_out", run, count, [f"{listed(who)} ({why})" for why, who in names.items()])
 
 
 def _formulas(run: FitRun) -> str:
-    model = run.record["model"]
-    formulas = listed([f"log {name} ~ {formula}" for name, formula in model["formula"].items()])
-    stated = f" Numbers are stated at a mass of {run.reference_mass:.3g} kg."
-    return (
-        f"In R's notation {formulas}; a term such as (1|subject) stands for normally distributed differences "
-        f"of people.{stated} The model file is "
-        f"“{model['name']}”; its priors stand in tables.xlsx.{_untried(run)}"
-    )
-
-
-def _untried(run: FitRun) -> str:
-    """Which columns varied and are in no formula, as a sentence; empty where none."""
-    columns = [column["column"] for column in run.record["columns_not_used"]]
-    if not columns:
-        return ""
-    return f" No formula is of {listed(columns)}: what differs there counts as scatter between impacts."
-
-
-def _computation(run: FitRun, text: Text) -> str:
-    versions = run.record["versions"]
-    program = text.cite("bayestissue", version=versions["bayestissue"])
-    chains = run.groups["posterior"].sizes
-    route = run.record.get("route", {})
-    method = f" {route['words']}" if route.get("words") else ""
-    cited = text.cite("chain", "interweaving")
-    checked = text.cite("r_hat")
-    return (
-        f"The posterior was computed by bayestissue {versions['bayestissue']} {program}: {chains['chain']} "
-        f"chains of {chains['draw']} draws, seed {run.record['seed']}.{method.rstrip('.')} {cited}. "
-        f"{_verdict(run).rstrip('.')} {checked}."
-    )
+    formulas = [f"log {name} ~ {formula}" for name, formula in run.record["model"]["formula"].items()]
+    not_used = [column["column"] for column in run.record["columns_not_used"]]
+    return worded("methods", "formulas", run, formulas, not_used)
 
 
 def _verdict(run: FitRun) -> str:
@@ -209,19 +170,13 @@ def _levels(run: FitRun) -> str:
     if len(run.impacts) == 1:
         parts = [f"{q} {s.value} {unit} ({s.range})" for q, unit, s in answers.the_only_impact(run)]
         return f"Of this impact: {listed(parts)}."
-    who = answers.person_words(run)
-    these = [x for x in levels(run) if x.these]
-    others = [x for x in levels(run) if not x.these]
-    typical = [f"{x.quantity} was {x.typical.value} {x.unit} ({x.typical.range})" for x in others]
-    new = [f"{x.quantity} {x.new.value} {x.unit} ({x.new.range})" for x in others]
-    whose = who["typical"] if run.people_count == 1 else f"a {who['typical']}"
-    together = [
-        f"Of {meaning(TOGETHER).level} {x.quantity}, force over depth at the greatest depth, was "
-        f"{x.new.value} {x.unit} ({x.new.range}). "
-        for x in these
-    ]
-    predicted = f"Of a {who['new']} it is predicted as {listed(new)}."
-    return f"{''.join(together)}Of {whose} {listed(typical)}. {predicted}"
+    who = answers.person_words(run) | {"whose": _typical(run)}
+    return worded("methods", "estimates", levels(run), who, meaning(TOGETHER).level)
+
+
+def _typical(run: FitRun) -> str:
+    who = answers.person_words(run)["typical"]
+    return who if run.people_count == 1 else f"a {who}"
 
 
 def _outcomes(run: FitRun, finished: Finished) -> str:
@@ -236,23 +191,17 @@ def _outcomes(run: FitRun, finished: Finished) -> str:
         shown = spread(factor * draws[:, 0])
         parts.append(f"{outcome_name(name)} {shown.value} {unit} ({shown.range})")
     mass, velocity = recorded.reference_mass_kg, float(law.velocity(recorded, [{}])[0])
-    who = answers.person_words(run)["typical"]
     return said(
         "study.outcomes",
-        who=who if run.people_count == 1 else f"a {who}",
+        who=_typical(run),
         impact=study.impact_words(mass, velocity),
         outcomes=listed(parts),
     )
 
 
 def _comparison(run: FitRun, contrast: Mapping[str, Any]) -> str:
-    ratios, outcomes = (
-        listed([f"{quantity} {ratio.words}" for quantity, ratio in contrast[key]])
-        for key in ("ratios", "outcomes")
-    )
-    name = "Ratio of ratios" if contrast["kind"] == INTERACTION else "Ratio of"
-    in_outcomes = f"Ratio of what {study.reference_words(run)} does: {outcomes}. " if outcomes else ""
-    return f"{name} {contrast['what']}: {ratios}. {in_outcomes}{contrast['words']}"
+    interaction = contrast["kind"] == INTERACTION
+    return worded("methods", "comparison", contrast, interaction, study.reference_words(run))
 
 
 def _mass(run: FitRun) -> str:
