@@ -54,8 +54,7 @@ from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integr
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, gaussian, hyperparameters_at
-from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.reliability import (
@@ -68,6 +67,7 @@ from bayestissue.inference.answers.reliability import (
     reliability,
     variances,
 )
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.quantities.draws import drawn_from_prior
 from bayestissue.inference.results.labels import design_dimensions, labelled
@@ -140,7 +140,7 @@ class Trial:
     groups: tuple[str, ...]
     averaged: Mapping[str, tuple[str, ...]]
     columns: Callable[[Levels], np.ndarray]
-    asked: Callable[[Finished, pd.DataFrame, World], Iterator[tuple[str, str, float]]]
+    asked: Callable[[Study, pd.DataFrame, World], Iterator[tuple[str, str, float]]]
 
     def complete(self, at: Levels) -> dict[str, Any]:
         """What belongs to a person follows the person; other numbers are at their mean."""
@@ -349,10 +349,10 @@ QUESTIONS: dict[str, Callable[[World], bool | float]] = {
 }
 
 
-def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
+def lines_of(finished: Study, reliable: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
     """Of every answer what is to be kept, as "kind of answer: which", and a number."""
     yield from _of_reliability(reliable, world)
-    compared = Comparison(finished.posterior, finished.recorded, RESPONSES, finished.law)
+    compared = Contrasts(finished)
     for row in contrasts_table(compared, EQUIVALENCE).to_dict("records"):
         names = str(row["factor"]).split(":")
         upper, lower = (dict(zip(names, row[side].split(":"), strict=True)) for side in ("level", "against"))
@@ -370,7 +370,7 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
                 (name, "true", float(truth)),
             )
     stems = ("typical_person", "side", "sex", "subject", "subject_side", "session")
-    yield from _of_levels(finished.posterior, world, stems)
+    yield from _of_levels(finished.draws, world, stems)
     made = predict(finished, list(PREDICTED.values())).to_dict("records")
     for (which, at), row in zip(PREDICTED.items(), made, strict=True):
         truth = world.new_impact(at)
@@ -380,9 +380,9 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
             yield f"prediction|{q} {which}", "interval", _side(low_high, truth[q])
 
 
-def clinic_lines(finished: Finished, _: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
+def clinic_lines(finished: Study, _: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
     """The same of a trial: every comparison, its interactions by the differences of what was drawn."""
-    compared = Comparison(finished.posterior, finished.recorded, RESPONSES, finished.law)
+    compared = Contrasts(finished)
     for row in contrasts_table(compared, EQUIVALENCE).to_dict("records"):
         q, names = row["quantity"], row["factor"].split(":")
         if row["kind"] == "interaction":
@@ -396,7 +396,7 @@ def clinic_lines(finished: Finished, _: pd.DataFrame, world: World) -> Iterator[
             at = (dict(zip(names, row[side].split(":"), strict=True)) for side in ("level", "against"))
             yield from _of_ratio(f"comparison of {row['kind']}", row, world.over(q, *at))
     stems = ("typical_person", "side", "group", "session", "subject", "subject_side", "subject_session")
-    yield from _of_levels(finished.posterior, world, stems)
+    yield from _of_levels(finished.draws, world, stems)
 
 
 def _of_levels(posterior: xr.Dataset, world: World, stems: Sequence[str]) -> Iterator[tuple[str, str, float]]:
@@ -584,7 +584,9 @@ class Studies:
             each = {q: of(q, measurement_sd=MEASUREMENT_SD[q]) for q in RESPONSES}
             every.append(coefficients(each, draws))
             groups.append(draws.merge(as_variables(every[-1])))
-        lines = self._trial.asked(Finished(*groups, self._recorded), reliability(*every), world)
+        lines = self._trial.asked(
+            Study(groups[0], self._recorded, prior=groups[1]), reliability(*every), world
+        )
         return {f"{name}|{what}": float(value) for name, what, value in lines}
 
 

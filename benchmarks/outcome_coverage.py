@@ -28,7 +28,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from coverage import MEASURING_CHAIN, Fits, model_of
 from evidence import recorded
 from evidence.families.outcomes import reliability, shares
@@ -39,14 +38,15 @@ from bayestissue import runtime
 from bayestissue.elements import element
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ranked
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.quantities.draws import quantities
 from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
 from bayestissue.inference.results.tree import dimensions
-from bayestissue.inference.samplers.sampling import quantiles
+from bayestissue.inference.samplers.sampling import interval, quantiles
 from bayestissue.simulation import Simulation, simulate
 from bayestissue.simulation.campaign import Campaign
 
@@ -229,22 +229,21 @@ def head_injury(time: np.ndarray, left: np.ndarray, longest: float) -> float:
     return float((np.maximum(takes / G, 0) ** 2.5 / lengths**1.5).max())
 
 
-def finished(fits: Fits, prepared: Prepared, name: str, seed: int) -> tuple[Finished, bool]:
+def finished(fits: Fits, prepared: Prepared, name: str, seed: int) -> tuple[Study, bool]:
     """The fit as questions take it, without the tables and checks of a run; and whether its chains passed."""
     draws, passed = fits.fit(prepared, seed)
     values = quantities(prepared, draws, np.random.default_rng(seed))
     names = {"impact": prepared.impacts["impact"].tolist(), **prepared.design.levels()}
     posterior = labelled(values, dimensions(prepared.design, prepared.data.record.errors), names)
     gravity, headform = float(prepared.signal.gravity[0]), prepared.model.headform
-    return Finished(posterior, None, prepared.design.recorded, name, False, gravity, headform), passed
+    return Study(posterior, prepared.design.recorded, Law(name, gravity, headform)), passed
 
 
 def intervals(
-    fit: Finished, made: Campaign, simulation: Simulation
+    fit: Study, made: Campaign, simulation: Simulation
 ) -> Iterator[tuple[str, str, float, float, float]]:
     """What an interval is of, its outcome, its ends and what is true."""
-    tissue, law, posterior = simulation.tissue, fit.law, fit.posterior
-    assert law is not None
+    tissue, posterior = simulation.tissue, fit.draws
     names, extra = tuple(HEADFORM_COLUMNS), list(tissue.parameters)
     ends, motion = [0.05, 0.95], (BEYOND["mass_kg"], BEYOND["velocity_m_s"])
     recorded_ends = {name: quantiles(_flat(posterior[name].to_numpy()), ends) for name in names}
@@ -254,12 +253,13 @@ def intervals(
         for name in names:
             yield "recorded impact", name, *recorded_ends[name][:, row], true[name]
     levels = [{"subject": person, "side": SIDES[0]} for person in sorted(set(made.impacts["subject"]))]
-    drawn = law.all_at_levels(posterior, fit.recorded, [level | BEYOND for level in levels])
-    at_levels = {name: quantiles(values.T, ends) for name, values in drawn.items()}
+    drawn = fit.at(names, [level | BEYOND for level in levels])
+    at_levels = {name: interval(values) for name, values in drawn.items()}
     for row, level in enumerate(levels):
         true = truths(tissue.element, at_level(made, simulation, level), *motion)
         for name in names:
-            yield "level beyond", name, *at_levels[name][:, row], true[name]
+            low, high = (at_levels[name][end][row] for end in ("low", "high"))
+            yield "level beyond", name, low, high, true[name]
     predicted, random = predict(fit, [BEYOND]).iloc[0], np.random.default_rng([simulation.seed, 10])
     for _ in range(PEOPLE):
         true = truths(tissue.element, new_impact(simulation, random), *motion)
@@ -305,21 +305,20 @@ def new_impact(simulation: Simulation, random: np.random.Generator) -> dict[str,
     }
 
 
-def choices(fit: Finished, made: Campaign, simulation: Simulation) -> Iterator[tuple[str, str, float, bool]]:
+def choices(fit: Study, made: Campaign, simulation: Simulation) -> Iterator[tuple[str, str, float, bool]]:
     """Factor, level, probability that an impact beyond has the lowest peak force there, and whether it has.
 
     As `bayestissue ask` has it of "best(subject, lowest peak_force[...])" and of "best(side, lowest
     peak_force[subject=s01, ...])", with all levels' motions in one go.
     """
-    law, people = fit.law, sorted(set(made.impacts["subject"]))
-    assert law is not None
+    people = sorted(set(made.impacts["subject"]))
     factors = {
         "subject": [{"subject": person} for person in people],
         "side": [{"subject": people[0], "side": side} for side in SIDES],
     }
     levels = [level for those in factors.values() for level in those]
-    drawn = law.at_levels("peak_force", fit.posterior, fit.recorded, [level | BEYOND for level in levels])
-    forces = xr.DataArray(drawn, dims=("chain", "draw", "level")).transpose("level", ...)
+    drawn = fit.at(["peak_force"], [level | BEYOND for level in levels])["peak_force"]
+    forces = drawn.rename(condition="level").transpose("level", ...)
     true = [
         truths(simulation.tissue.element, at_level(made, simulation, level), *BEYOND.values())["peak_force"]
         for level in levels

@@ -40,6 +40,7 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.meaning import draws_of
+from bayestissue.inference.answers.study import Study as Asked
 from bayestissue.planning.assurance import Goal, planner
 from bayestissue.planning.information import simulation_of
 from bayestissue.planning.model import planned_model
@@ -150,7 +151,7 @@ def posterior_of(running: Running, model: ModelSpecification) -> tuple[xr.Datase
     values = {name: v.reshape(1, -1)[:, chosen] for name, v in drawn.hyperparameters.items()}
     b = drawn.b.reshape(1, len(weight), -1)[:, chosen]
     draws = planned.draws(arranged.design, values, b)
-    return draws, float(draws_of(parse(QUESTION), draws, arranged.design.recorded).mean())
+    return draws, float(draws_of(parse(QUESTION), Asked(draws, arranged.design.recorded)).mean())
 
 
 def next_by_plan(running: Running, draws: xr.Dataset, order: list[str], model: ModelSpecification) -> str:

@@ -29,9 +29,9 @@ from bayestissue.fitting import resolve
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
 from bayestissue.planning.assurance import Goal, planner
@@ -211,7 +211,7 @@ def answer(name: str, study: int) -> dict[str, Any]:
     posterior = of_draws(prepared, draws, study)
     if "ICC" in case["ask"]:
         posterior = posterior.merge(reliability(prepared, draws, posterior))
-    finished = Finished(posterior, None, prepared.design.recorded)
+    finished = Study(posterior, prepared.design.recorded)
     return row | {"posterior": float(ask(finished, numbered([case["ask"]]))["posterior"].iloc[0])}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,8 +12,9 @@ import xarray as xr
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.hierarchy.specification import Formulas
-from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
+from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
+from bayestissue.inference.answers.study import Study
 
 REFERENCE = 0.8
 EVERYTHING = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session) + (1|operator)"
@@ -56,4 +58,5 @@ def contrasts(
     draws: xr.Dataset, of: Recorded, responses: Sequence[str], equivalence: float, law: Law | None = None
 ) -> pd.DataFrame:
     """Every contrast of what was recorded."""
-    return contrasts_table(Comparison(draws, of, responses, law), equivalence)
+    of = replace(of, formulas={q: of.formulas[q] for q in responses})
+    return contrasts_table(Contrasts(Study(draws, of, law or Law(described=False))), equivalence)

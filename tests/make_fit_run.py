@@ -13,10 +13,11 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
+from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.quantities.together import comparable_draws
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.run_folder import read_about
@@ -93,8 +94,7 @@ def write_fit_run(
     groups = {"posterior": posterior, "prior": prior, **traces}
     write_tree(extended(groups), folder / "posterior.nc")
     tables = _tables(rng, impacts, true, posterior, exponent)
-    law = None if discrepancy else Law("kelvin_voigt", 0.0)
-    compared = Comparison(posterior, recorded, ["K", "C"], law=law)
+    compared = Contrasts(Study(posterior, recorded, Law(described=not discrepancy)))
     tables["contrasts"], tables["levels"] = contrasts_table(compared, 0.1), levels_table(compared)
     drawn = {"loops": loops_table, "curves": curves_table} if pictures else {}
     tables |= {name: drawn[name](compared) if drawn else table_of_rows(name) for name in ("loops", "curves")}

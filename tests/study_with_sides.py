@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayestissue.hierarchy import derived
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
 from designs import design_of, impacts
 
@@ -14,7 +14,7 @@ SHAPE = (2, 100)
 
 def study_with_sides(
     formula: str = "side + (1|subject/side)", of_C: str = "age + side + (1|subject/side)"
-) -> Finished:
+) -> Study:
     """Person s0 was hit on the left alone; an age that no formula of K has goes with each person."""
     rows = impacts().assign(velocity_m_s=1.5)
     rows = rows[(rows["subject"] != "s0") | (rows["side"] == "left")].reset_index(drop=True)
@@ -37,4 +37,4 @@ def study_with_sides(
     values = derived.formula_quantities(design, population)
     values |= derived.level_quantities(design, values)
     draws = labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
-    return Finished(draws, None, design.recorded)
+    return Study(draws, design.recorded)

@@ -90,12 +90,9 @@ def compare(*runs: Fit | str | Path, ask: str | Sequence[str] = ()) -> Compariso
         {name: fit.posterior for name, fit in fits.items()},
         {name: fit.about["model"] for name, fit in fits.items()},
     )
-    posteriors = posteriors_by_run({name: fit.finished for name, fit in fits.items()})
+    posteriors = posteriors_by_run({name: fit.study for name, fit in fits.items()})
     answers = same_questions(
-        {
-            name: _answers(fit) | {"asked": ask_what_can_be(fit.finished, questions)}
-            for name, fit in fits.items()
-        }
+        {name: _answers(fit) | {"asked": ask_what_can_be(fit.study, questions)} for name, fit in fits.items()}
     )
     first = read[0].about
     record = start.record(

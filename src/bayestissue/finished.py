@@ -131,7 +131,7 @@ class Fit(FitRun, Result):
         for question in questions:
             if not isinstance(question, str):
                 raise InputError.of_argument("questions", question, "texts, each by itself: ask(*questions)")
-        return ask(self.finished, numbered(questions))
+        return ask(self.study, numbered(questions))
 
     def predict(
         self,
@@ -162,7 +162,7 @@ class Fit(FitRun, Result):
         from bayestissue.inference.answers.predictions import DRAWS_AS, is_draws, predict, write_draws
 
         if draws is None:
-            return runtime.in_float64(predict)(self.finished, self._conditions(table), say)
+            return runtime.in_float64(predict)(self.study, self._conditions(table), say)
         read = (self.folder, None if isinstance(table, pd.DataFrame) else Path(table))
         results.require_file(
             Path(draws),
@@ -194,12 +194,12 @@ class Fit(FitRun, Result):
     def _predicted(self, table: str | Path | pd.DataFrame) -> Predicted:
         from bayestissue.inference.answers.predictions import predicted
 
-        return runtime.in_float64(predicted)(self.finished, self._conditions(table))
+        return runtime.in_float64(predicted)(self.study, self._conditions(table))
 
     def _conditions(self, table: str | Path | pd.DataFrame) -> list[Condition]:
         from bayestissue.inference.answers.predictions import read_conditions
 
-        return read_conditions(table, self.finished.recorded, self.finished.gravity)
+        return read_conditions(table, self.study)
 
     @cached_property
     def plot(self) -> Plots:

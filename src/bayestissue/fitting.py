@@ -502,7 +502,7 @@ class FitJob:
             from bayestissue.inference.answers.questions import ask_what_can_be, of_model
 
             questions = of_model(self.specification.questions, "model")
-            tables["questions"] = typed("questions", ask_what_can_be(fit.finished, questions))
+            tables["questions"] = typed("questions", ask_what_can_be(fit.study, questions))
         return fit
 
     def _provenance(self, analysis: TraceAnalysis) -> dict[str, Any]:

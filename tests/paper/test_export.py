@@ -16,6 +16,7 @@ from PIL import Image
 
 import bayestissue as bt
 from bayestissue.hierarchy.levels import log_at_levels
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.checking.recordings import clipped_recordings, flagged_recordings
 from bayestissue.paper import text
 from bayestissue.paper.documents import write_markdown, write_word
@@ -179,8 +180,8 @@ def test_cells_of_the_workbook_are_typed(folder: Path, exported: Path) -> None:
 
 def test_a_row_a_person_has_the_median_of_each_condition(folder: Path) -> None:
     fit = bt.read_run(folder)
-    posterior, rows = fit.posterior["posterior"].dataset, fit.finished.recorded.rows
-    wide, meanings = people_wide(fit.finished)
+    posterior, rows = fit.posterior["posterior"].dataset, fit.study.recorded.rows
+    wide, meanings = people_wide(fit.study)
     assert list(meanings) == list(wide)
     assert all(re.fullmatch(r"\w{1,64}", name) for name in wide)
     first = rows.iloc[0]
@@ -195,7 +196,7 @@ def test_a_row_a_person_has_the_median_of_each_condition(folder: Path) -> None:
 
 
 def test_a_row_a_person_has_the_outcomes_of_the_reference_impact_on_each_side(folder: Path) -> None:
-    finished = bt.read_run(folder).finished
+    finished = bt.read_run(folder).study
     recorded = finished.recorded
     sides = np.where(recorded.rows.groupby("subject").cumcount() % 2, "left", "right")
     finished = replace(finished, recorded=replace(recorded, rows=recorded.rows.assign(side=sides)))
@@ -203,7 +204,7 @@ def test_a_row_a_person_has_the_outcomes_of_the_reference_impact_on_each_side(fo
     person, M = finished.recorded.levels("subject")[1], finished.recorded.reference_mass_kg
     V = finished.recorded.rows["velocity_m_s"].mean()
     K, C = (
-        np.exp(log_at_levels(finished.posterior, finished.recorded, q, [{"subject": person, "side": "left"}]))
+        np.exp(log_at_levels(finished.draws, finished.recorded, q, [{"subject": person, "side": "left"}]))
         for q in ("K", "C")
     )
     omega, zeta = np.sqrt(K / M), C / np.sqrt(4 * K * M)
@@ -218,7 +219,7 @@ def test_a_row_a_person_has_the_outcomes_of_the_reference_impact_on_each_side(fo
         np.testing.assert_allclose(cells, np.quantile(draws, [0.05, 0.5, 0.95]))
     words = f"greatest force on the impactor of an impact of {M:.4g} kg at {V:.4g} m/s, N: side left; median"
     assert meanings["peak_force_N_left"] == words
-    beside, _ = people_wide(replace(finished, discrepancy=True))
+    beside, _ = people_wide(replace(finished, law=Law(described=False)))
     assert list(beside) == [name for name in wide if not re.match("peak_|energy_", name)]
 
 

@@ -18,6 +18,7 @@ from scipy.stats import norm
 
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.specification import specification_of
+from bayestissue.inference.answers.law import Law
 from bayestissue.planning.assurance import Assessment, Goal, Planner
 from bayestissue.planning.information import Information
 from bayestissue.planning.model import PlannedModel, planned_model
@@ -79,7 +80,7 @@ def study(
     present = np.ones((1, len(rows)), bool)
     arrangement = Arrangement((0,), rows, present, design, model, columns, precision, np.zeros((0, 2)))
     information = Information(conditions, precision[:1, None], 1.0)
-    return Planner([arrangement], information, Stated(spreads, effects), 3)
+    return Planner([arrangement], information, Stated(spreads, effects), 3, Law())
 
 
 def impacts(people: int, repeats: int = 1, **columns: Any) -> pd.DataFrame:

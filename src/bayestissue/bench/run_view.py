@@ -52,7 +52,7 @@ class RunView:
             InputError: a file of the run lacks or isn't what a run writes.
         """
         self.fit, self.decisions, self.why_not = fit, decisions, why_not
-        self._finished, self._asking = fit.finished, Lock()
+        self._study, self._asking = fit.study, Lock()
         self._answer = lru_cache(_KEPT)(self._answered)
         self._impacts, self._nouns = fit.impacts, fit.nouns
         self._page = page_of(fit.complete(), served=True, longest=LONGEST, examples=self._examples())
@@ -119,7 +119,7 @@ class RunView:
         try:
             # One at a time: draws are read from the run's file.
             with self._asking:
-                rows = ask(self._finished, [question]).to_dict("records")
+                rows = ask(self._study, [question]).to_dict("records")
         except InputError as error:
             return [], "\n".join(problem.with_code for problem in error.problems)
         return [{str(name): value for name, value in row.items()} for row in rows], ""
@@ -164,14 +164,14 @@ class RunView:
 
     def _examples(self) -> list[str]:
         """Questions that this fit has an answer to."""
-        recorded = self._finished.recorded
+        recorded = self._study.recorded
         pairs = [
             (column, levels[0], levels[1])
             for column in dict.fromkeys((*recorded.response("K").categories, "subject"))
             if len(levels := recorded.levels(column)) > 1
         ]
         examples = [f"K[{c}={_quoted(a)}] / K[{c}={_quoted(b)}] > 1.1" for c, a, b in pairs]
-        if "mass_exponent_K" in self._finished.posterior:
+        if "mass_exponent_K" in self._study.draws:
             examples.append("mass_exponent_K between -0.1 and 0.1")
         return [*examples, "K", "C", f"K[impact={_quoted(self._impacts[0])}]", "K[subject=new]"]
 

@@ -204,7 +204,7 @@ def certificate_of(
         words=dict(fit.about.get("words", {})),
         verdict={"passed": passed, "words": words, "prior": prior_words(sensitivity)},
     )
-    items = checklists(fit, text_of(fit, fit.finished), record["verdict"])
+    items = checklists(fit, text_of(fit, fit.study), record["verdict"])
     return Certificate(record, calibration, _ranks_table(done), sensitivity, items)
 
 

@@ -13,8 +13,8 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.errors import Coded
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import predicted
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import of_element_alone
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
 from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
@@ -28,6 +28,7 @@ from bayestissue.inference.results.cross_validation import (
 )
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, meaning
+from bayestissue.inference.samplers.sampling import interval
 from bayestissue.results.tables import columns_of, joined
 
 type Trees = Mapping[str, xr.DataTree]
@@ -237,7 +238,7 @@ def _data_names(models: Sequence[Mapping[str, Any]]) -> list[str]:
     return names
 
 
-def posteriors_by_run(runs: Mapping[str, Finished]) -> pd.DataFrame:
+def posteriors_by_run(runs: Mapping[str, Study]) -> pd.DataFrame:
     """Median and 90 % interval of what every run estimates, whatever its likelihood is a density of.
 
     Mass exponents, of K also that at a common depth where K depends on depth; the secant stiffness and
@@ -258,8 +259,8 @@ def posteriors_by_run(runs: Mapping[str, Finished]) -> pd.DataFrame:
     return table.loc[ordered].reset_index(drop=True)
 
 
-def _quantiles(name_of_run: str, run: Finished) -> list[pd.DataFrame]:
-    posterior, of_impacts = run.posterior, run.recorded.rows["subject"].to_numpy(str)
+def _quantiles(name_of_run: str, run: Study) -> list[pd.DataFrame]:
+    posterior, of_impacts = run.draws, run.recorded.rows["subject"].to_numpy(str)
     typical = {name: posterior[name] for name in COMPARED if name in posterior}
     if run.element_alone:
         # Beside a discrepancy K is the element's own part of the force.
@@ -267,37 +268,28 @@ def _quantiles(name_of_run: str, run: Finished) -> list[pd.DataFrame]:
     people = len(np.unique(of_impacts))
     tables = []
     for name, array in {**comparable_draws(posterior, of_impacts), **typical, **_outcomes(run)}.items():
-        by_person = "subject" in array.dims
-        ordered = array.transpose("chain", ..., *(["subject"] if by_person else [])).to_numpy()
-        flat = ordered.reshape(-1, array.sizes["subject"] if by_person else 1)
-        low, median, high = np.percentile(flat, [5, 50, 95], axis=0)
-        labels = array["subject"].astype(str).to_numpy().tolist() if by_person else [""]
+        by_person = array if "subject" in array.dims else array.expand_dims(subject=[""])
+        ends, labels = interval(by_person), by_person["subject"].astype(str).to_numpy().tolist()
         unit = _UNITS.get(name) or (ATTRIBUTES | element_attributes())[name]["unit"]
         person = meaning(name, people=people).level
-        table = pd.DataFrame(
-            {"label": labels, "median": median, "eti90_low": low, "eti90_high": high, "variable": name}
-        )
-        tables.append(table.assign(of=person, unit=unit, run=name_of_run, draws=len(flat)))
+        table = pd.DataFrame({"label": labels, "median": ends["median"], "variable": name})
+        table = table.assign(eti90_low=ends["low"], eti90_high=ends["high"])
+        tables.append(table.assign(of=person, unit=unit, run=name_of_run, draws=array.size // len(labels)))
     return tables
 
 
-def _outcomes(run: Finished) -> dict[str, xr.DataArray]:
+def _outcomes(run: Study) -> dict[str, xr.DataArray]:
     """`OF_OUTCOMES`, [chain, draw] or [chain, draw, subject]; none without a law or a velocity."""
-    if run.law is None:
-        return {}
     people = run.recorded.levels("subject") if run.recorded.tells_people else []
-    conditions = [{}, *({"subject": person} for person in people)]
-    values = run.law.reference_outcomes(run.posterior, run.recorded, conditions)
+    values = run.of_reference_impact([{}, *({"subject": person} for person in people)])
     new = predicted(run, [{}]).draws.isel(row=0) if values else {}
     outcomes = {}
     for name, draws in values.items():
-        by_chain = draws[None]
-        outcomes[f"{name}_typical_person"] = xr.DataArray(by_chain[..., 0], dims=("chain", "draw"))
+        outcomes[f"{name}_typical_person"] = draws.isel(condition=0)
         outcomes[f"{name}_new"] = new[name].drop_vars("row")
         if people:
-            outcomes[f"{name}_subject"] = xr.DataArray(
-                by_chain[..., 1:], {"subject": people}, ("chain", "draw", "subject")
-            )
+            of_people = draws.isel(condition=slice(1, None)).rename(condition="subject")
+            outcomes[f"{name}_subject"] = of_people.assign_coords(subject=people)
     return outcomes
 
 

@@ -20,7 +20,7 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
+from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import (
@@ -30,6 +30,7 @@ from bayestissue.inference.answers.reliability import (
     reliability,
     variances,
 )
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
@@ -172,7 +173,7 @@ def label(
     summary = summary_table(posterior)
     # Coefficients are functions of standard deviations, which are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
-    compared, near = _comparison(prepared, specification, tree), specification.practical_equivalence
+    compared, near = _contrasts(prepared, specification, tree), specification.practical_equivalence
     diagnostics = _diagnostics(
         prepared, posterior, tree["prior"].dataset, checked, chains, form, _unasked(specification)
     )
@@ -228,15 +229,11 @@ def _unasked(specification: ModelSpecification) -> list[str]:
     return [name for name in HEADFORM_OUTCOMES if name not in MEASURED and name not in asked]
 
 
-def _comparison(prepared: Prepared, specification: ModelSpecification, tree: xr.DataTree) -> Comparison:
+def _contrasts(prepared: Prepared, specification: ModelSpecification, tree: xr.DataTree) -> Contrasts:
     """What is compared between levels, by the law of force where there is one."""
     gravity = float(tree["constant_data"].dataset.get(GRAVITY, 0.0))
-    return Comparison(
-        draws=tree["posterior"].dataset,
-        recorded=prepared.design.recorded,
-        responses=tuple(prepared.design.responses),
-        law=None if prepared.model.discrepancy else Law(specification.element, gravity),
-    )
+    law = Law(specification.element, gravity, described=not prepared.model.discrepancy)
+    return Contrasts(Study(tree["posterior"].dataset, prepared.design.recorded, law))
 
 
 def _variances(

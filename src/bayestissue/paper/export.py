@@ -31,11 +31,11 @@ def write_paper(
         certified: the ``verdict`` of the fit's certificate, if it has one.
         width_mm: of a figure in print.
     """
-    text = text_of(run, run.finished)
+    text = text_of(run, run.study)
     write_markdown(text, folder / "methods.md")
     write_word(text, folder / "methods.docx")
     lists = ["# Checklists of journals", "", *checklists_markdown(checklists(run, text, certified))]
     (folder / "checklists.md").write_text("\n".join(lists), encoding="utf-8")
-    write_workbook(folder / "tables.xlsx", run.table, run.finished, run.about["model"])
+    write_workbook(folder / "tables.xlsx", run.table, run.study, run.about["model"])
     (folder / "figures").mkdir()
     write_figures(published(run), folder / "figures", nouns=run.nouns, width_mm=width_mm)

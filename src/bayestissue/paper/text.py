@@ -13,8 +13,8 @@ from markupsafe import Markup
 
 from bayestissue.declarations import declared
 from bayestissue.inference.answers.contrasts import INTERACTION
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.predictions import QUANTITIES as PREDICTIONS
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import findings
 from bayestissue.inference.results.meanings import TOGETHER, meaning, outcome_name
 from bayestissue.report.answers_page import question_lines
@@ -65,7 +65,7 @@ class Text:
         return f"[{', '.join(str(self.references.index(text) + 1) for text in texts)}]"
 
 
-def text_of(run: FitRun, finished: Finished | None = None) -> Text:
+def text_of(run: FitRun, asked: Study | None = None) -> Text:
     """Methods and results of a fit; with what questions need of it, also what an impact does.
 
     Where its diagnostics failed, or no element describes the recordings, that is the first sentence of the
@@ -91,7 +91,7 @@ def text_of(run: FitRun, finished: Finished | None = None) -> Text:
         "Numbers are posterior medians, with equal-tailed 90 % intervals in brackets.",
         _levels(run),
         answers.averaged_sentence(run),
-        _outcomes(run, finished) if finished else "",
+        _outcomes(run, asked) if asked else "",
         *outcomes.best_words(run),
         *(_comparison(run, contrast) for contrast in study.first_contrasts(run)),
         _mass(run),
@@ -179,18 +179,17 @@ def _typical(run: FitRun) -> str:
     return who if run.people_count == 1 else f"a {who}"
 
 
-def _outcomes(run: FitRun, finished: Finished) -> str:
+def _outcomes(run: FitRun, asked: Study) -> str:
     """What the reference impact does on a typical person; empty where there is no law or no velocity."""
-    law, recorded = finished.law, finished.recorded
-    values = law.reference_outcomes(finished.posterior, recorded, [{}]) if law else {}
-    if not (law and values):
+    values = asked.of_reference_impact([{}])
+    if not values:
         return ""
     parts = []
     for name, draws in values.items():
         _, unit, factor = PREDICTED[PREDICTIONS[name]]
-        shown = spread(factor * draws[:, 0])
+        shown = spread(factor * draws.to_numpy().ravel())
         parts.append(f"{outcome_name(name)} {shown.value} {unit} ({shown.range})")
-    mass, velocity = recorded.reference_mass_kg, float(law.velocity(recorded, [{}])[0])
+    mass, velocity = (float(asked.motion([{}])[name][0]) for name in ("mass_kg", "velocity_m_s"))
     return said(
         "study.outcomes",
         who=_typical(run),

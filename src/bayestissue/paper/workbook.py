@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.law import numbers, simulated_words
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.results.labels import element_attributes
 from bayestissue.inference.results.meanings import UNITS, symbols
+from bayestissue.inference.samplers.sampling import interval
 from bayestissue.paper import PRINT
 from bayestissue.results.tables import declared_files
 
@@ -26,7 +26,7 @@ MOST_ROWS = 2**20 - 1
 def write_workbook(
     path: Path,
     table: Callable[[str], pd.DataFrame],
-    finished: Finished,
+    study: Study,
     model: Mapping[str, Any],
 ) -> None:
     """Write ``people_wide``, ``impacts``, every table of a fit, its priors, and what each column means.
@@ -36,11 +36,11 @@ def write_workbook(
     Args:
         path: of the workbook.
         table: a table of the fit by its name; a KeyError where there is none.
-        finished: the fit.
+        study: the fit, as it can be asked.
         model: the resolved model file.
     """
-    wide, meanings = people_wide(finished)
-    of_impacts = impacts(table("summary"), finished.posterior, finished.recorded.rows)
+    wide, meanings = people_wide(study)
+    of_impacts = impacts(table("summary"), study.draws, study.recorded.rows)
     sheets = {"people_wide": wide, "impacts": of_impacts}
     codebook = [["people_wide", name, meaning] for name, meaning in meanings.items()]
     for name, file in declared_files().items():
@@ -56,7 +56,7 @@ def write_workbook(
     write_sheets(sheets, path)
 
 
-def people_wide(finished: Finished) -> tuple[pd.DataFrame, dict[str, str]]:
+def people_wide(study: Study) -> tuple[pd.DataFrame, dict[str, str]]:
     """A row a person, a column for K and for C by condition and by what else divides a person's impacts.
 
     Beside a discrepancy K_secant stands in place of K, which is the element's own.
@@ -69,7 +69,7 @@ def people_wide(finished: Finished) -> tuple[pd.DataFrame, dict[str, str]]:
     Returns:
         The table, and what each column means.
     """
-    posterior, rows = finished.posterior, finished.recorded.rows
+    posterior, rows = study.draws, study.recorded.rows
     subject = rows["subject"].astype(str)
     values = rows.drop(columns="subject").groupby(subject).nunique().max()
     varies = [name for name in values.index if len(set(rows[name])) > 1]
@@ -95,38 +95,38 @@ def people_wide(finished: Finished) -> tuple[pd.DataFrame, dict[str, str]]:
             meanings[name] = (
                 f"{quantity}, {UNITS[q]}: {', '.join(within)} {cell}" if within else f"{quantity}, {UNITS[q]}"
             )
-    for words, column, meaning in _outcomes(finished, people, within):
+    for words, column, meaning in _outcomes(study, people, within):
         name = _name(words, columns)
         columns[name], meanings[name] = column, meaning
     return pd.DataFrame(columns), meanings
 
 
 _ENDS = {
-    "": ("median", 0.5),
-    "_low": ("lower end of the 90 % interval", 0.05),
-    "_high": ("upper end of the 90 % interval", 0.95),
+    "": ("median", "median"),
+    "_low": ("lower end of the 90 % interval", "low"),
+    "_high": ("upper end of the 90 % interval", "high"),
 }
 
 
 def _outcomes(
-    finished: Finished, people: Sequence[str], within: Sequence[str]
+    study: Study, people: Sequence[str], within: Sequence[str]
 ) -> Iterator[tuple[str, np.ndarray, str]]:
     """Outcomes of the reference impact on each person: names, cells and meanings of columns.
 
     On what of ``within`` the formulas have, such as each side; conditions that stand for masses are left out,
     since the mass is the reference mass. None where no formula has the person, or where there is no law.
     """
-    recorded, law = finished.recorded, finished.law
-    if law is None or not recorded.tells_people:
+    recorded = study.recorded
+    if not recorded.tells_people:
         return
     one_mass = len(set(recorded.rows["mass_kg"])) == 1
     factors = [name for name in within if name in recorded.needed and (name != "trial" or one_mass)]
     cells = recorded.rows[["subject", *factors]].astype(str).drop_duplicates()
     names = [str(name) for name in cells]
     conditions = [dict(zip(names, row, strict=True)) for row in cells.itertuples(index=False, name=None)]
-    values = law.reference_outcomes(finished.posterior, recorded, conditions)
-    mass, velocity = (float(numbers(recorded, [{}], name)[0]) for name in ("mass_kg", "velocity_m_s"))
-    simulated = f"; {words}" if values and (words := simulated_words(values, finished.posterior)) else ""
+    values = study.of_reference_impact(conditions)
+    mass, velocity = (float(study.motion([{}])[name][0]) for name in ("mass_kg", "velocity_m_s"))
+    simulated = f"; {words}" if values and (words := study.simulated_words(values)) else ""
     of_cell = cells[factors].agg(" ".join, axis=1) if factors else pd.Series("", index=cells.index)
     for cell in dict.fromkeys(of_cell):
         chosen = (of_cell == cell).to_numpy()
@@ -134,8 +134,9 @@ def _outcomes(
         for name, draws in values.items():
             unit, what = (element_attributes()[name][key] for key in ("unit", "long_name"))
             of_impact = f"of an impact of {mass:.4g} kg at {velocity:.4g} m/s, {unit}"
-            for end, (which, quantile) in _ENDS.items():
-                at = pd.Series(np.quantile(draws[:, chosen], quantile, axis=0), cells["subject"][chosen])
+            ends = interval(draws.isel(condition=np.flatnonzero(chosen)))
+            for end, (which, name_of_end) in _ENDS.items():
+                at = pd.Series(ends[name_of_end], cells["subject"][chosen])
                 words = f"{name}_{unit}{f'_{cell}' if factors else ''}{end}"
                 yield (
                     words,

@@ -27,10 +27,11 @@ from bayestissue.inference.answers.questions import (
     Question,
     outcomes_in,
     problem_of,
-    require_motions,
+    require_outcomes,
     require_readable,
 )
 from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
+from bayestissue.inference.answers.study import Study as Asked
 from bayestissue.planning.assurance import Goal
 from bayestissue.planning.begun import begun_study, pilot_of
 from bayestissue.planning.candidates import Candidate, grid, largest_of_each
@@ -261,7 +262,7 @@ def _unanswerable(
     masses_kg: Sequence[float],
     questions: Sequence[Question],
     model: ModelSpecification,
-    law: Law | None,
+    law: Law,
     source: str,
 ) -> list[Problem]:
     """Questions about what this design does not have."""
@@ -282,7 +283,7 @@ def _unanswerable(
                 raise InputError.stated(
                     "impossible-plan.outcome", *(source, None, "model", model.name), **words
                 )
-            require_motions([question], design.recorded, law)
+            require_outcomes([question], Asked(draws, design.recorded, law))
     return problems
 
 

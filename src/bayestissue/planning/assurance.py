@@ -27,6 +27,7 @@ from bayestissue.inference.answers.grammar import Node, parse
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.meaning import draws_of, quantities
 from bayestissue.inference.answers.reliability import coefficients, variances
+from bayestissue.inference.answers.study import Study
 from bayestissue.planning.information import Information, TypicalTissue, information
 from bayestissue.planning.law import planned_law
 from bayestissue.planning.population import DesignPrior, Streams, Truths
@@ -140,14 +141,14 @@ class Planner:
         information: what a trace tells in each condition.
         prior: where each study's truth comes from.
         seed: of all studies.
-        law: what outcomes follow; None where there is no law of force.
+        law: what outcomes follow.
     """
 
     arranged: Sequence[Arrangement]
     information: Information
     prior: DesignPrior
     seed: int
-    law: Law | None = None
+    law: Law
 
     def assess(
         self,
@@ -283,7 +284,7 @@ class _Answers:
     position: int
     information: Information
     goals: Sequence[Goal]
-    law: Law | None
+    law: Law
 
     @cached_property
     def _recorded(self) -> Recorded:
@@ -311,7 +312,7 @@ class _Answers:
         """The values of a question in each draw, 1 or 0 of a claim."""
         over_levels = any(level.value is None for quantity in quantities(node) for level in quantity.levels)
         recorded = self._recorded if over_levels else self.arrangement.design.recorded
-        values = draws_of(node, draws, recorded, self.law)
+        values = draws_of(node, Study(draws, recorded, self.law))
         return values.transpose("chain", "draw").to_numpy().astype(float)
 
 

@@ -11,19 +11,18 @@ what was asked before it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.dataset.settings import Gravity, gravity_m_s2
+from bayestissue.elements.outcomes import HEADFORM_OUTCOMES
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.inference.answers.law import MET, Law, numbers
+from bayestissue.inference.answers.law import MET, Law, Values
 from bayestissue.planning.settings import TABULATION as SETTINGS
 
 if TYPE_CHECKING:
@@ -33,18 +32,17 @@ if TYPE_CHECKING:
 class PlannedLaw(Law):
     """A law of force whose parameters are K and C alone."""
 
-    def at_levels(
-        self, name: str, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
-    ) -> Float[np.ndarray, "chain draw condition"]:
-        """One outcome at given levels and a stated motion, by draw, as of `Law`."""
-        if self.in_closed_form or self.velocity_m_s is not None:
-            return super().at_levels(name, draws, recorded, conditions)
-        parameters = self.parameters(draws, recorded, conditions)
-        motions = np.stack([numbers(recorded, conditions, one) for one in MET], axis=-1)
-        values = np.empty(parameters["K"].shape)
-        for j, motion in enumerate(motions):
+    def outcomes(
+        self, parameters: Values, motion: Values, names: Iterable[str] = HEADFORM_OUTCOMES
+    ) -> Values:
+        """Outcomes as of `Law`; of one motion in all draws by tables."""
+        if self.in_closed_form or motion["velocity_m_s"].ndim > 1:
+            return super().outcomes(parameters, motion, names)
+        values = {name: np.empty(parameters["K"].shape) for name in names}
+        for j, at in enumerate(zip(*(motion[name] for name in MET), strict=True)):
             logs = np.stack([np.log(parameters[q][..., j]).ravel() for q in RESPONSES])
-            values[..., j] = self._interpolated(name, logs, tuple(motion)).reshape(values.shape[:2])
+            for name, of_motions in values.items():
+                of_motions[..., j] = self._interpolated(name, logs, at).reshape(of_motions.shape[:-1])
         return values
 
     def of_motion(
@@ -52,8 +50,8 @@ class PlannedLaw(Law):
     ) -> dict[str, Float[np.ndarray, " draw"]]:
         """Each outcome, solved, at log K and log C and of one mass, velocity and diameter."""
         parameters = {q: np.exp(log)[:, None] for q, log in zip(RESPONSES, logs, strict=True)}
-        outcomes = self.outcomes(parameters, *(np.array([number]) for number in motion))
-        return {name: values[:, 0] for name, values in outcomes.items()}
+        at = {name: np.array([number]) for name, number in zip(MET, motion, strict=True)}
+        return {name: values[:, 0] for name, values in super().outcomes(parameters, at).items()}
 
     def _interpolated(
         self, name: str, logs: Float[np.ndarray, "2 draw"], motion: tuple[float, ...]
@@ -93,6 +91,6 @@ def _tile(law: PlannedLaw, motion: tuple[float, ...], i: int, j: int) -> dict[st
     return tables
 
 
-def planned_law(model: ModelSpecification, gravity: Gravity) -> Law | None:
-    """What outcomes of a planned study follow; None beside a discrepancy, where there is no law."""
-    return None if model.discrepancy == "always" else PlannedLaw(model.element, gravity_m_s2(gravity))
+def planned_law(model: ModelSpecification, gravity: Gravity) -> Law:
+    """What outcomes of a planned study follow; beside a discrepancy nothing does."""
+    return PlannedLaw(model.element, gravity_m_s2(gravity), described=model.discrepancy != "always")

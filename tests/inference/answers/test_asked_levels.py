@@ -13,12 +13,12 @@ from numpy.testing import assert_allclose
 from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.levels import log_at_levels
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import parse
-from bayestissue.inference.answers.law import NO_LAW, moving, unfit_height
+from bayestissue.inference.answers.law import NO_LAW, Law, moving, unfit_height
 from bayestissue.inference.answers.meaning import beyond_notes, draws_of
 from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.answers.study import Study, described_impacts
 from designs import contrasts, design_of, impacts
 from study_with_sides import SHAPE, study_with_sides
 
@@ -27,11 +27,11 @@ NUMBER = SHAPE[0] * SHAPE[1]
 
 
 @pytest.fixture(scope="module")
-def study() -> Finished:
+def study() -> Study:
     return study_with_sides(FORMULA)
 
 
-def test_what_the_response_does_not_depend_on_chooses_among_the_recorded(study: Finished) -> None:
+def test_what_the_response_does_not_depend_on_chooses_among_the_recorded(study: Study) -> None:
     (one,) = ask(study, numbered(["mean(K[subject, age=23])"])).to_dict("records")
     (own,) = ask(study, numbered(["K[subject=s1]"])).to_dict("records")
     assert one["median"] == own["median"]
@@ -48,14 +48,14 @@ def test_what_the_response_does_not_depend_on_chooses_among_the_recorded(study: 
         ("log(0 * K)", "the log of 0"),
     ],
 )
-def test_what_is_not_finite_says_why(study: Finished, question: str, why: str) -> None:
+def test_what_is_not_finite_says_why(study: Study, question: str, why: str) -> None:
     with pytest.raises(InputError) as caught:
         ask(study, numbered([question]))
     assert why in str(caught.value)
     assert "a finite number in every draw" in str(caught.value)
 
 
-def test_a_number_beyond_the_measured_and_an_average_are_noted(study: Finished) -> None:
+def test_a_number_beyond_the_measured_and_an_average_are_noted(study: Study) -> None:
     average, named = ask(study, numbered(["K[subject=s1]", "K[subject=s1, side=left] > 0"])).to_dict(
         "records"
     )
@@ -74,16 +74,16 @@ def test_a_number_as_tables_print_it_is_not_beyond_itself(velocity: float, beyon
     assert notes == (["velocity_m_s beyond those measured, 1.534 to 1.981, by 0.001"] if beyond else [])
 
 
-def test_a_new_side_is_no_answer_and_a_new_person_is(study: Finished) -> None:
+def test_a_new_side_is_no_answer_and_a_new_person_is(study: Study) -> None:
     with pytest.raises(InputError, match="a level of side: left, right"):
         ask(study, numbered(["K[side=new]"]))
     assert ask(study, numbered(["K[subject=new, side=left]"]))["median"].notna().all()
 
 
 @pytest.mark.slow
-def test_a_person_on_a_side_that_was_not_recorded_has_a_new_effect_of_that_side(study: Finished) -> None:
+def test_a_person_on_a_side_that_was_not_recorded_has_a_new_effect_of_that_side(study: Study) -> None:
     at = pd.DataFrame({"subject": ["s0", "s0"], "side": ["right", "left"], "velocity_m_s": [1.5, 1.5]})
-    right, left = predict(study, read_conditions(at, study.recorded)).to_dict("records")
+    right, left = predict(study, read_conditions(at, study)).to_dict("records")
     assert right["new"] == "subject:side"
     assert left["new"] == ""
     widths = [np.log(row["K_N_per_m_high"] / row["K_N_per_m_low"]) / 2 / 1.645 for row in (left, right)]
@@ -91,12 +91,12 @@ def test_a_person_on_a_side_that_was_not_recorded_has_a_new_effect_of_that_side(
     # With so many draws each end of an interval errs by 0.15 standard deviations: 3 * 0.064 of its width.
     assert widths[1] == pytest.approx(np.sqrt(0.05**2 + 0.2**2 + 0.2**2 + 0.1**2), rel=0.2)
     with pytest.raises(InputError, match="one of left, right"):
-        read_conditions(at.assign(side="rechts"), study.recorded)
+        read_conditions(at.assign(side="rechts"), study)
 
 
-def test_a_person_who_was_not_measured_is_asked_about(study: Finished) -> None:
+def test_a_person_who_was_not_measured_is_asked_about(study: Study) -> None:
     at = pd.DataFrame({"subject": ["s1O", "S1", "Eva", "new"], "side": "left"})
-    notes = predict(study, read_conditions(at, study.recorded))["note"].tolist()
+    notes = predict(study, read_conditions(at, study))["note"].tolist()
     assert 'subject "s1O" was not measured: a new one of the population; did you mean s1?' in notes[0]
     # s1 in another case is s1.
     assert notes[1] == ""
@@ -105,7 +105,7 @@ def test_a_person_who_was_not_measured_is_asked_about(study: Finished) -> None:
     assert "was not measured" not in notes[3]
 
 
-def test_columns_and_levels_are_found_whatever_their_case(study: Finished) -> None:
+def test_columns_and_levels_are_found_whatever_their_case(study: Study) -> None:
     for text, meant in {
         "K[Side=LEFT, Patient=S1]": "K[side=left, subject=s1]",
         "best(SIDE, lowest K[subject=S2])": "best(side, lowest K[subject=s2])",
@@ -115,22 +115,20 @@ def test_columns_and_levels_are_found_whatever_their_case(study: Finished) -> No
         found, expected = (ask(study, numbered([one])).drop(columns="question") for one in (text, meant))
         pd.testing.assert_frame_equal(found, expected)
     # So do the studies of a plan, which have only read the text.
-    drawn = [
-        draws_of(parse(text), study.posterior, study.recorded) for text in ("K[Side=LEFT]", "K[side=left]")
-    ]
+    drawn = [draws_of(parse(text), study) for text in ("K[Side=LEFT]", "K[side=left]")]
     np.testing.assert_array_equal(*drawn)
     assert drawn[0].std() > 0
     with pytest.raises(InputError, match="Near: side"):
         ask(study, numbered(["K[Sidee=left]"]))
     with pytest.raises(InputError, match="Near: left"):
         ask(study, numbered(["K[side=LEFFT]"]))
-    at = read_conditions(pd.DataFrame({"Patient": ["S1", "s9"], "SIDE": ["Left", "RIGHT"]}), study.recorded)
+    at = read_conditions(pd.DataFrame({"Patient": ["S1", "s9"], "SIDE": ["Left", "RIGHT"]}), study)
     assert at == [{"subject": "s1", "side": "left"}, {"subject": "s9", "side": "right"}]
     with pytest.raises(InputError, match='Is it "side"'):
-        read_conditions(pd.DataFrame({"Sidee": ["left"]}), study.recorded)
+        read_conditions(pd.DataFrame({"Sidee": ["left"]}), study)
     # Two columns that differ by case alone are no column.
     with pytest.raises(InputError, match="SIDE"):
-        read_conditions(pd.DataFrame({"SIDE": ["left"], "Side": ["left"]}), study.recorded)
+        read_conditions(pd.DataFrame({"SIDE": ["left"], "Side": ["left"]}), study)
 
 
 def test_what_all_impacts_of_a_level_share_goes_with_it_and_is_said() -> None:
@@ -151,7 +149,7 @@ def test_what_all_impacts_of_a_level_share_goes_with_it_and_is_said() -> None:
     found = contrasts(draws, design.recorded, ["K"], 0.1).set_index(["factor", "level", "against"])
     # All else equal is asked for by giving it.
     asked = numbered(["log(K[session=4 over 1])", "log(K[session=4 over 1, side=left])"])
-    assert ask(Finished(draws, None, design.recorded), asked)["median"].tolist() == pytest.approx([0.6, 0.3])
+    assert ask(Study(draws, design.recorded), asked)["median"].tolist() == pytest.approx([0.6, 0.3])
     assert np.log(found["ratio"]["session", "4", "1"]) == pytest.approx(0.6)
     assert found["note"]["session", "4", "1"] == "also differs: side (right against left)"
     assert found["note"]["session", "2", "1"] == ""
@@ -161,17 +159,17 @@ def test_what_all_impacts_of_a_level_share_goes_with_it_and_is_said() -> None:
 G = 9.80665
 
 
-def answered(study: Finished, question: str) -> dict[str, object]:
+def answered(study: Study, question: str) -> dict[str, object]:
     (row,) = ask(study, numbered([question])).to_dict("records")
     return row
 
 
-def K_and_C(study: Finished, **condition: str) -> list[np.ndarray]:
-    logs = (log_at_levels(study.posterior, study.recorded, q, [condition]) for q in ("K", "C"))
+def K_and_C(study: Study, **condition: str) -> list[np.ndarray]:
+    logs = (log_at_levels(study.draws, study.recorded, q, [condition]) for q in ("K", "C"))
     return [np.exp(log).ravel() for log in logs]
 
 
-def test_an_outcome_at_levels_is_that_of_their_K_and_C(study: Finished) -> None:
+def test_an_outcome_at_levels_is_that_of_their_K_and_C(study: Study) -> None:
     K, C = K_and_C(study, side="left")
     force = outcomes("kelvin_voigt", {"K": K, "C": C}, 5.0, 2.0).peak_force
     row = answered(study, "peak_force[side=left, mass_kg=5, velocity_m_s=2]")
@@ -185,8 +183,8 @@ def test_an_outcome_at_levels_is_that_of_their_K_and_C(study: Finished) -> None:
     assert_allclose(answered(study, "peak_depth")["median"], np.median(reference))
 
 
-def test_a_drop_height_is_the_velocity_after_the_fall(study: Finished) -> None:
-    along = replace(study, gravity=G)
+def test_a_drop_height_is_the_velocity_after_the_fall(study: Study) -> None:
+    along = replace(study, law=Law(gravity=G))
     velocity = np.sqrt(2 * G * 0.3)
     fallen = answered(along, "energy_absorbed[mass_kg=5, drop_height_cm=30]")
     assert_allclose(
@@ -198,12 +196,12 @@ def test_a_drop_height_is_the_velocity_after_the_fall(study: Finished) -> None:
     assert moving({"drop_height_cm": 30.0}, G / 2)["velocity_m_s"] == pytest.approx(velocity)
 
 
-def at_heights(study: Finished, table: pd.DataFrame) -> pd.DataFrame:
-    return predict(study, read_conditions(table, study.recorded, study.gravity))
+def at_heights(study: Study, table: pd.DataFrame) -> pd.DataFrame:
+    return predict(study, read_conditions(table, study))
 
 
-def test_a_row_may_give_a_height_in_place_of_a_velocity(study: Finished) -> None:
-    along = replace(study, gravity=G)
+def test_a_row_may_give_a_height_in_place_of_a_velocity(study: Study) -> None:
+    along = replace(study, law=Law(gravity=G))
     heights = pd.DataFrame({"side": "left", "drop_height_cm": [12.0, 30.0, np.nan]})
     velocities = pd.DataFrame(
         {"side": "left", "velocity_m_s": [*np.sqrt(2 * G * np.array([0.12, 0.3])), 1.5]}
@@ -213,10 +211,10 @@ def test_a_row_may_give_a_height_in_place_of_a_velocity(study: Finished) -> None
     assert_allclose(fallen, thrown)
 
 
-def test_heights_that_can_not_be_are_refused_at_once(study: Finished) -> None:
+def test_heights_that_can_not_be_are_refused_at_once(study: Study) -> None:
     table = pd.DataFrame({"velocity_m_s": [np.nan, np.nan, 2.0], "drop_height_cm": [0.0, -3.0, 30.0]})
     with pytest.raises(InputError) as caught:
-        at_heights(replace(study, gravity=G), table)
+        at_heights(replace(study, law=Law(gravity=G)), table)
     told = "; ".join(map(str, caught.value.problems))
     assert 'row 0, column drop_height_cm: found "0"; expected a number of cm above 0' in told
     assert 'row 1, column drop_height_cm: found "-3"' in told
@@ -227,7 +225,7 @@ def test_heights_that_can_not_be_are_refused_at_once(study: Finished) -> None:
         at_heights(study, pd.DataFrame({"drop_height_cm": [np.nan, 30.0]}))
 
 
-def test_without_gravity_a_height_is_a_covariate_or_nothing(study: Finished) -> None:
+def test_without_gravity_a_height_is_a_covariate_or_nothing(study: Study) -> None:
     """Of a pendulum whose K a formula has by its height, a height moves K, and the velocity is given."""
     rows = impacts().assign(velocity_m_s=1.5, drop_height_cm=np.resize([12.0, 20.0], len(impacts())))
     recorded = design_of("log(drop_height_cm) + (1|subject)", "1", rows=rows).recorded
@@ -240,16 +238,18 @@ def test_without_gravity_a_height_is_a_covariate_or_nothing(study: Finished) -> 
     # A height in another unit would change nothing.
     other = replace(unused, rows=rows.rename(columns={"drop_height_cm": "drop_height_mm"}))
     with pytest.raises(InputError, match=r'column drop_height_mm.*Is it "drop_height_cm"'):
-        read_conditions(pd.DataFrame({"drop_height_mm": [300.0]}), other, G)
+        read_conditions(
+            pd.DataFrame({"drop_height_mm": [300.0]}), replace(study, recorded=other, law=Law(gravity=G))
+        )
 
 
-def test_a_velocity_that_a_formula_is_of_is_that_after_the_fall(study: Finished) -> None:
+def test_a_velocity_that_a_formula_is_of_is_that_after_the_fall(study: Study) -> None:
     rows = impacts().assign(velocity_m_s=np.resize([1.5, 2.0], len(impacts())))
     design = design_of("log(velocity_m_s)", "1", rows=rows)
     one = np.zeros((2, 10))
     values = {"intercept_K": one + 7, "intercept_C": one + 3, "effect_of_log(velocity_m_s)_K": one + 1}
     draws = xr.Dataset({name: (("chain", "draw"), value) for name, value in values.items()})
-    finished = Finished(draws, None, design.recorded, gravity=G)
+    finished = Study(draws, design.recorded, Law(gravity=G))
     V = float(np.sqrt(2 * G * 0.2))
     by_height, by_velocity = (
         answered(finished, f"peak_force[mass_kg=1, {motion}]")["median"]
@@ -259,8 +259,8 @@ def test_a_velocity_that_a_formula_is_of_is_that_after_the_fall(study: Finished)
 
 
 @pytest.mark.parametrize("table", [{"drop_height_cm": [30.0]}, {"velocity_m_s": [np.sqrt(2 * G * 0.3)]}])
-def test_what_a_height_leads_beyond_is_said_with_by_how_much(study: Finished, table: dict) -> None:
-    along = replace(study, gravity=G)
+def test_what_a_height_leads_beyond_is_said_with_by_how_much(study: Study, table: dict) -> None:
+    along = replace(study, law=Law(gravity=G))
     velocity = "velocity_m_s beyond those measured, 1.5 to 1.5, by 0.93"
     (note,) = at_heights(along, pd.DataFrame(table))["note"]
     assert velocity in note
@@ -268,12 +268,12 @@ def test_what_a_height_leads_beyond_is_said_with_by_how_much(study: Finished, ta
     assert velocity in str(answered(along, f"peak_force[{name}={value}]")["note"])
 
 
-def test_a_depth_that_no_impact_at_these_levels_reached_is_said(study: Finished) -> None:
+def test_a_depth_that_no_impact_at_these_levels_reached_is_said(study: Study) -> None:
     """Impacts on the right went deeper than any will on the left, where it is beyond those on the left."""
     left = study.recorded.labels("side") == "left"
     depths = np.where(left, 4e-4, 4e-3) + np.zeros((*SHAPE, len(left)))
-    posterior = study.posterior.assign(peak_depth=(("chain", "draw", "impact"), depths))
-    measured = replace(study, posterior=posterior)
+    posterior = study.draws.assign(peak_depth=(("chain", "draw", "impact"), depths))
+    measured = replace(study, draws=posterior)
     on_left, on_right = predict(
         measured, [{"velocity_m_s": 1.5, "side": side} for side in ("left", "right")]
     )[["peak_displacement_m", "note"]].to_dict("records")
@@ -287,7 +287,7 @@ def test_a_depth_that_no_impact_at_these_levels_reached_is_said(study: Finished)
         assert "peak depth" not in str(answered(measured, shallow)["note"])
 
 
-def test_levels_are_compared_by_outcomes(study: Finished) -> None:
+def test_levels_are_compared_by_outcomes(study: Study) -> None:
     ratio = answered(study, "peak_force[side=left over right, mass_kg=1]")
     sides = [
         outcomes("kelvin_voigt", dict(zip("KC", K_and_C(study, side=side), strict=True)), 1.0, 1.5).peak_force
@@ -309,17 +309,17 @@ def test_levels_are_compared_by_outcomes(study: Finished) -> None:
         ("peak_forc", "Near: peak_force"),
     ],
 )
-def test_what_an_outcome_can_not_be_asked_of(study: Finished, question: str, why: str) -> None:
+def test_what_an_outcome_can_not_be_asked_of(study: Study, question: str, why: str) -> None:
     with pytest.raises(InputError, match=why):
         ask(study, numbered([question]))
 
 
-def test_beside_a_discrepancy_outcomes_stay_where_it_is_slight(study: Finished) -> None:
+def test_beside_a_discrepancy_outcomes_stay_where_it_is_slight(study: Study) -> None:
     """A discrepancy of the right side alone: what the left comes to follows the element's law as before."""
     share = np.where(study.recorded.rows["side"] == "left", 0.001, 0.1)
     draws = np.broadcast_to(share, (*SHAPE, len(share)))
-    posterior = study.posterior.assign(discrepancy=(("chain", "draw", "impact"), draws))
-    beside = replace(study, posterior=posterior, discrepancy=True)
+    posterior = study.draws.assign(discrepancy=(("chain", "draw", "impact"), draws))
+    beside = replace(study, draws=posterior, law=Law(described=described_impacts(posterior)))
     asked = numbered(
         ["peak_force[side=left, mass_kg=2]", "critical(velocity_m_s, peak_depth[side=left] < 0.01)"]
     )
@@ -340,21 +340,22 @@ def test_beside_a_discrepancy_outcomes_stay_where_it_is_slight(study: Finished) 
     rows = third.recorded.rows
     operator = np.resize(["x", "y", "z"], len(rows))
     recorded = replace(third.recorded, rows=rows.assign(operator=operator))
-    posterior = third.posterior.assign(
-        {f"effect_of_operator[z]_{q}": third.posterior[f"effect_of_operator[y]_{q}"] for q in "KC"}
+    posterior = third.draws.assign(
+        {f"effect_of_operator[z]_{q}": third.draws[f"effect_of_operator[y]_{q}"] for q in "KC"}
     )
     draws = np.broadcast_to(np.where(operator == "y", 0.1, 0.0), (*SHAPE, len(rows)))
     posterior = posterior.assign(discrepancy=(("chain", "draw", "impact"), draws))
-    of_two = replace(third, posterior=posterior, recorded=recorded, discrepancy=True)
+    law = Law(described=described_impacts(posterior))
+    of_two = replace(third, draws=posterior, recorded=recorded, law=law)
     answers = ask(of_two, numbered(["best(operator, lowest peak_depth)"]))
     assert answers["level"].tolist() == ["x", "z"]
     assert answers["note"].str.contains("no peaks: no law of operator y").all()
 
 
-def test_beside_a_discrepancy_no_law_is_known(study: Finished) -> None:
+def test_beside_a_discrepancy_no_law_is_known(study: Study) -> None:
     with pytest.raises(InputError, match="beside a discrepancy there is no law"):
-        ask(replace(study, discrepancy=True), numbered(["peak_force[mass_kg=5]"]))
+        ask(replace(study, law=Law(described=False)), numbered(["peak_force[mass_kg=5]"]))
 
 
-def test_numbers_beyond_the_measured_are_said(study: Finished) -> None:
+def test_numbers_beyond_the_measured_are_said(study: Study) -> None:
     assert "velocity_m_s beyond those measured" in str(answered(study, "peak_force[velocity_m_s=9]")["note"])

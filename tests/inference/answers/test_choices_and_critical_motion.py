@@ -13,36 +13,36 @@ from bayestissue.commands.finished_runs import ask as help_of_ask
 from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.levels import log_at_levels
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.answers.study import Study
 from study_with_sides import study_with_sides
 
 G = 9.80665
 
 
 @pytest.fixture(scope="module")
-def study() -> Finished:
+def study() -> Study:
     return study_with_sides()
 
 
-def parameters(study: Finished, *sides: str) -> dict[str, np.ndarray]:
+def parameters(study: Study, *sides: str) -> dict[str, np.ndarray]:
     """K and C of a typical person on each side: [draw, side]."""
     conditions = [{"side": side} for side in sides]
-    logs = {q: log_at_levels(study.posterior, study.recorded, q, conditions) for q in ("K", "C")}
+    logs = {q: log_at_levels(study.draws, study.recorded, q, conditions) for q in ("K", "C")}
     return {q: np.exp(log).reshape(-1, len(sides)) for q, log in logs.items()}
 
 
-def peak_force(study: Finished, mass: float, velocity: float, *sides: str) -> np.ndarray:
+def peak_force(study: Study, mass: float, velocity: float, *sides: str) -> np.ndarray:
     p = parameters(study, *sides)
     flat = {q: values.ravel() for q, values in p.items()}
     force = outcomes("kelvin_voigt", flat, np.full(flat["K"].shape, mass), np.full(flat["K"].shape, velocity))
     return np.asarray(force.peak_force).reshape(p["K"].shape)
 
 
-def test_the_best_level_has_its_probability_rank_and_loss(study: Finished) -> None:
+def test_the_best_level_has_its_probability_rank_and_loss(study: Study) -> None:
     answers = ask(study, numbered(["best(side, lowest peak_force[mass_kg=2, velocity_m_s=1.2])"]))
     force = peak_force(study, 2, 1.2, *answers["level"])
     assert sorted(answers["level"]) == ["left", "right"]
@@ -58,7 +58,7 @@ def test_the_best_level_has_its_probability_rank_and_loss(study: Finished) -> No
     assert not answers["note"].str.contains("averaged").any()
 
 
-def test_the_highest_is_the_lowest_of_the_negative(study: Finished) -> None:
+def test_the_highest_is_the_lowest_of_the_negative(study: Study) -> None:
     highest = ask(study, numbered(["best(subject, highest K)"]))
     lowest = ask(study, numbered(["best(subject, lowest -K)"]))
     for column in ("level", "posterior", "rank_low", "rank_high", "expected_loss"):
@@ -66,13 +66,13 @@ def test_the_highest_is_the_lowest_of_the_negative(study: Finished) -> None:
     assert len(highest) == len(study.recorded.levels("subject"))
 
 
-def test_levels_that_a_draw_has_equal_share_it(study: Finished) -> None:
+def test_levels_that_a_draw_has_equal_share_it(study: Study) -> None:
     answers = ask(study, numbered(["best(side, lowest max(K, 1e9 * K[side=left]))"]))
     assert answers["posterior"].tolist() == [0.5, 0.5]
     assert answers["expected_loss"].tolist() == [0.0, 0.0]
 
 
-def test_the_velocity_up_to_which_a_claim_holds(study: Finished) -> None:
+def test_the_velocity_up_to_which_a_claim_holds(study: Study) -> None:
     """Of a spring and damper the greatest force is in proportion to the velocity."""
     row = ask(study, numbered(["critical(velocity_m_s, peak_force[side=left, mass_kg=2] < 105)"])).iloc[0]
     velocity = 105 / peak_force(study, 2, 1.0, "left")
@@ -84,47 +84,47 @@ def test_the_velocity_up_to_which_a_claim_holds(study: Finished) -> None:
     assert (beyond in row["note"]) == bool(share)
 
 
-def test_the_interval_of_a_critical_motion_is_a_limit_with_a_guard_band(study: Finished) -> None:
+def test_the_interval_of_a_critical_motion_is_a_limit_with_a_guard_band(study: Study) -> None:
     critical = "critical(velocity_m_s, peak_force[side=left, mass_kg=2] < 100)"
     low = ask(study, numbered([critical])).iloc[0]["low"]
     claim = f"peak_force[side=left, mass_kg=2, velocity_m_s={low:.12g}] < 100"
     share = ask(study, numbered([claim])).iloc[0]["posterior"]
-    assert share == pytest.approx(0.95, abs=1 / study.posterior["intercept_K"].size)
+    assert share == pytest.approx(0.95, abs=1 / study.draws["intercept_K"].size)
 
 
-def test_the_height_up_to_which_a_claim_holds_at_that_height(study: Finished) -> None:
-    falling = replace(study, gravity=G)
+def test_the_height_up_to_which_a_claim_holds_at_that_height(study: Study) -> None:
+    falling = replace(study, law=Law(gravity=G))
     row = ask(falling, numbered(["critical(drop_height_cm, peak_force[side=left, mass_kg=2] < 100)"])).iloc[0]
     assert row["unit"] == "cm"
     at = f"peak_force[side=left, mass_kg=2, drop_height_cm={row['median']:.12g}]"
     assert ask(falling, numbered([at])).iloc[0]["median"] == pytest.approx(100, rel=1e-6)
 
 
-def test_a_motion_is_solved_for_in_every_draw_with_few_simulations(study: Finished, monkeypatch) -> None:
+def test_a_motion_is_solved_for_in_every_draw_with_few_simulations(study: Study, monkeypatch) -> None:
     simulated = []
 
-    def counted(self, parameters, *motion):
+    def counted(self, parameters, *others):
         simulated.append(parameters["K"].shape)
-        return solved(self, parameters, *motion)
+        return solved(self, parameters, *others)
 
     solved = Law.outcomes
     monkeypatch.setattr(Law, "outcomes", counted)
-    falling, names = replace(study, gravity=G, prior=None), "side=left, mass_kg=2"
+    falling, names = replace(study, law=Law(gravity=G), prior=None), "side=left, mass_kg=2"
     # Draws far from the others, in which the claim ends elsewhere.
-    far = falling.posterior.copy()
+    far = falling.draws.copy()
     far["intercept_K"] = far["intercept_K"].copy()
     far["intercept_K"][0, 5], far["intercept_K"][1, 7] = 14.0, 2.0
-    for posterior, most in ((falling.posterior, 10), (far, 16)):
+    for posterior, most in ((falling.draws, 10), (far, 16)):
         simulated.clear()
         text = f"critical(velocity_m_s, peak_force[{names}] < 100)"
-        V = draws_of(parse(text), posterior, study.recorded, falling.law).to_numpy()
+        one = replace(falling, draws=posterior)
+        V = draws_of(parse(text), one).to_numpy()
         assert len(simulated) < most
-        law = replace(falling.law, velocity_m_s=V)
-        force = draws_of(parse(f"peak_force[{names}]"), posterior, study.recorded, law).to_numpy()
+        force = draws_of(parse(f"peak_force[{names}]"), replace(one, velocity_m_s=V)).to_numpy()
         np.testing.assert_allclose(force, 100, rtol=1e-5)
 
 
-def test_a_limit_between_levels_is_a_number_like_others(study: Finished) -> None:
+def test_a_limit_between_levels_is_a_number_like_others(study: Study) -> None:
     text = "critical(velocity_m_s, peak_force[side={}] < 100)"
     ratio = f"{text.format('left')} / {text.format('right')}"
     row = ask(study, numbered([ratio])).iloc[0]
@@ -133,7 +133,7 @@ def test_a_limit_between_levels_is_a_number_like_others(study: Finished) -> None
     assert row["median"] == pytest.approx(np.median(force[:, 1] / force[:, 0]), rel=1e-8)
 
 
-def test_what_always_or_never_holds(study: Finished) -> None:
+def test_what_always_or_never_holds(study: Study) -> None:
     """The restitution of spring and damper is the same at every velocity."""
     p = parameters(study, "left")
     middle = float(
@@ -170,14 +170,14 @@ def test_the_examples_of_the_commands_help_have_answers() -> None:
         ("critical(velocity_m_s, peak_force < 1 + (peak_force > 2))", "a number beside"),
     ],
 )
-def test_what_has_no_answer_is_refused(study: Finished, question: str, expected: str) -> None:
+def test_what_has_no_answer_is_refused(study: Study, question: str, expected: str) -> None:
     with pytest.raises(InputError) as refused:
         ask(study, numbered([question]))
     (problem, *_) = refused.value.problems
     assert expected in f"{problem.value} {problem.expected}"
 
 
-def test_a_claim_that_comes_true_again_has_no_critical_motion(study: Finished) -> None:
+def test_a_claim_that_comes_true_again_has_no_critical_motion(study: Study) -> None:
     """The force grows with the velocity, so that it lies between two limits at two of them."""
     middle = "abs(log(peak_force[side=left]) - 4) < 1"
     with pytest.raises(InputError, match="holds up to one velocity_m_s and no longer above it"):

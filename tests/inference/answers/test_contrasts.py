@@ -13,6 +13,7 @@ from bayestissue.inference.answers.contrasts import ALL
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.meaning import draws_of as draws_at
 from bayestissue.inference.answers.meaning import mistakes
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.results.tables import columns_of
 from designs import REFERENCE, contrasts, impacts
@@ -104,7 +105,7 @@ def test_numbers_that_a_formula_takes_as_categories_are_compared() -> None:
     assert not list(mistakes(node, of, draws))
     # K alone is that of the four phases, averaged on the log scale.
     each = np.exp(np.array([0.0, 0.2, 0.3, 0.4]) - 0.3).mean()
-    assert_allclose(draws_at(node, draws, of), each - np.exp(0.9 / 4))
+    assert_allclose(draws_at(node, Study(draws, of)), each - np.exp(0.9 / 4))
     assert "a level of phase: 1, 2, 3, 4" in str(*mistakes(parse("K[phase=2.5]"), of, draws))
 
 
@@ -210,7 +211,7 @@ def test_a_persons_before_and_after_is_of_the_persons_group_and_visits() -> None
     own = rows_of(table, "subject:session")
     for person, log in truth.items():
         assert np.log(own[f"{person}:after", f"{person}:before"]["ratio"]) == pytest.approx(log)
-        asked = draws_at(parse(f"log(K[subject={person}, session=after over before])"), draws, known)
+        asked = draws_at(parse(f"log(K[subject={person}, session=after over before])"), Study(draws, known))
         assert_allclose(asked, log)
         assert own[f"{person}:after", f"{person}:before"]["kind"] == "combinations"
 
@@ -236,7 +237,7 @@ def test_of_three_columns_the_change_of_the_treated_stands_at_each_side() -> Non
     assert first["level"].tolist() == ["treated:after/before:operated", "treated:after/before:sound"]
     asked = "K[session=after over before, group=treated over control, side={}]"
     for side, ratio in zip(["operated", "sound"], first["ratio"], strict=True):
-        assert_allclose(ratio, np.median(draws_at(parse(asked.format(side)), draws, of)))
+        assert_allclose(ratio, np.median(draws_at(parse(asked.format(side)), Study(draws, of))))
 
 
 def test_an_interaction_is_a_contrast_and_has_a_short_form() -> None:
@@ -246,7 +247,7 @@ def test_an_interaction_is_a_contrast_and_has_a_short_form() -> None:
     assert (level, against, row["kind"]) == ("treated:after/before", "control:after/before", "interaction")
     assert np.log(row["ratio"]) == pytest.approx(0.2)
     short = "log(K[group=treated over control, session=after over before])"
-    assert_allclose(draws_at(parse(short), draws, known), 0.2)
+    assert_allclose(draws_at(parse(short), Study(draws, known)), 0.2)
     # A reference stands below, and all of an average is of equal weight.
     assert np.log(rows_of(table, "session")["after", "before"]["ratio"]) == pytest.approx(-0.04 + 0.1)
     assert np.log(rows_of(table, "group")["treated", "control"]["ratio"]) == pytest.approx(0.05 - 0.1)

@@ -12,11 +12,11 @@ from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers import contrasts as contrasts_module
-from bayestissue.inference.answers import law
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers import study
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES
 from designs import REFERENCE, contrasts, impacts
 
@@ -83,9 +83,9 @@ def test_levels_are_compared_in_outcomes_of_the_reference_impact_after_k_and_c()
         assert row["p_direction"] == max((ratio > 1).mean(), (ratio < 1).mean())
         assert row["p_equivalent"] == (abs(np.log(ratio)) < np.log(1.1)).mean()
         # As a question has it.
-        (asked,) = ask(
-            Finished(draws, None, of), numbered([f"{name}[side=left] / {name}[side=right]"])
-        ).to_dict("records")
+        (asked,) = ask(Study(draws, of), numbered([f"{name}[side=left] / {name}[side=right]"])).to_dict(
+            "records"
+        )
         assert_allclose(
             [asked["low"], asked["median"], asked["high"]], row[["low", "ratio", "high"]].tolist()
         )
@@ -148,7 +148,7 @@ def test_a_law_without_a_closed_form_says_how_many_draws_were_simulated(monkeypa
     draws, of = draws_of(4, SIDES), recorded(K="side", C="1")
     monkeypatch.setattr(Law, "in_closed_form", False)
     few = replace(SETTINGS, simulated=400, of_a_condition=150)
-    for module in (law, contrasts_module):
+    for module in (study, contrasts_module):
         monkeypatch.setattr(module, "SETTINGS", few)
     thinned = contrasts(draws, of, ["K", "C"], 0.1, law=LAW)
     notes = thinned.set_index("quantity")["note"]

@@ -21,6 +21,7 @@ from bayestissue.inference.answers.grammar import (
     parse,
 )
 from bayestissue.inference.answers.meaning import draws_of
+from bayestissue.inference.answers.study import Study
 
 A, B = np.array([[1.5, -2.0, 3.0]]), np.array([[0.5, 4.0, -1.0]])
 DRAWS = xr.Dataset(
@@ -29,7 +30,7 @@ DRAWS = xr.Dataset(
 
 
 def worth(text: str) -> np.ndarray:
-    return draws_of(parse(text), DRAWS, Recorded(pd.DataFrame(), {}, 1.0)).to_numpy()
+    return draws_of(parse(text), Study(DRAWS, Recorded(pd.DataFrame(), {}, 1.0))).to_numpy()
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.inference.answers.contrasts import Comparison, contrasts_table
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import (
     curves_table,
@@ -20,6 +19,7 @@ from bayestissue.inference.answers.level_tables import (
     measured_motions,
 )
 from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.answers.study import Study
 from bayestissue.results.tables import columns_of
 
 SHAPE = (2, 200)
@@ -90,7 +90,7 @@ class Dropped:
 
 @pytest.mark.parametrize("g", [0.0, G])
 def test_loops_and_curves_are_those_of_an_independent_integration(g) -> None:
-    compared = Comparison(draws_of(0.0), recorded(), RESPONSES, law=Law("kelvin_voigt", g))
+    compared = Contrasts(Study(draws_of(0.0), recorded(), Law("kelvin_voigt", g)))
     table = loops_table(compared)
     assert set(table["level"]) == set(PADS)
     assert_allclose(sorted(set(table["velocity_m_s"])), VELOCITIES)
@@ -113,7 +113,7 @@ def test_loops_and_curves_are_those_of_an_independent_integration(g) -> None:
 
 def test_ranks_and_chances_are_those_of_the_draws_and_of_a_question() -> None:
     draws, law = draws_of(0.05), Law("kelvin_voigt", 0.0)
-    compared = Comparison(draws, recorded(), RESPONSES, law=law)
+    compared = Contrasts(Study(draws, recorded(), law))
     table = levels_table(compared).set_index(["quantity", "level"])
     K = np.exp([draws["intercept_K"] + draws.get(f"effect_of_pad[{pad}]_K", 0.0) for pad in PADS]).reshape(
         len(PADS), -1
@@ -125,7 +125,7 @@ def test_ranks_and_chances_are_those_of_the_draws_and_of_a_question() -> None:
         assert row["p_highest"] == (K.argmax(axis=0) == at).mean()
         assert row["rank"] == np.median(1 + (K[at] > K).sum(axis=0))
         assert row["above_lowest"] == pytest.approx((K[at] - K.min(axis=0)).mean())
-    asked = ask(Finished(draws, None, compared.recorded), numbered(["best(pad, lowest peak_force)"]))
+    asked = ask(compared.study, numbered(["best(pad, lowest peak_force)"]))
     for row in asked.itertuples():
         found = table.loc[("peak_force", row.level)]
         assert found["p_lowest"] == pytest.approx(row.posterior)
@@ -137,7 +137,7 @@ def test_ranks_and_chances_are_those_of_the_draws_and_of_a_question() -> None:
 
 def test_a_loop_is_of_the_medians_of_the_draws() -> None:
     draws = draws_of(0.1)
-    compared = Comparison(draws, recorded(), RESPONSES, law=Law("kelvin_voigt", 0.0))
+    compared = Contrasts(Study(draws, recorded(), Law("kelvin_voigt", 0.0)))
     table = loops_table(compared)
     rows = table[(table["level"] == "B") & (table["velocity_m_s"] == VELOCITIES[0])]
     assert set(rows["draws"]) == {SHAPE[0] * SHAPE[1]}
@@ -147,21 +147,21 @@ def test_a_loop_is_of_the_medians_of_the_draws() -> None:
 
 
 def test_the_motions_of_levels_are_simulated_once(monkeypatch) -> None:
-    calls, reference_outcomes = [], Law.reference_outcomes
+    calls, outcomes = [], Law.outcomes
 
     def counted(*arguments):
         calls.append(arguments)
-        return reference_outcomes(*arguments)
+        return outcomes(*arguments)
 
-    monkeypatch.setattr(Law, "reference_outcomes", counted)
-    compared = Comparison(draws_of(0.05), recorded(), RESPONSES, law=Law("kelvin_voigt", 0.0))
+    monkeypatch.setattr(Law, "outcomes", counted)
+    compared = Contrasts(Study(draws_of(0.05), recorded(), Law("kelvin_voigt", 0.0)))
     contrasts_table(compared, 0.1)
     levels_table(compared)
     assert len(calls) == 1
 
 
 def test_without_a_factor_a_typical_person_has_loops_alone() -> None:
-    compared = Comparison(draws_of(0.0, pads=False), recorded("1"), RESPONSES, law=Law("kelvin_voigt", 0.0))
+    compared = Contrasts(Study(draws_of(0.0, pads=False), recorded("1")))
     assert levels_table(compared).empty
     assert curves_table(compared).empty
     table = loops_table(compared)
@@ -169,7 +169,7 @@ def test_without_a_factor_a_typical_person_has_loops_alone() -> None:
 
 
 def test_without_a_law_levels_have_k_and_c_and_no_pictures() -> None:
-    compared = Comparison(draws_of(0.05), recorded(), RESPONSES)
+    compared = Contrasts(Study(draws_of(0.05), recorded(), Law(described=False)))
     assert set(levels_table(compared)["quantity"]) == {"K", "C"}
     assert loops_table(compared).empty
     assert curves_table(compared).empty
@@ -181,14 +181,14 @@ def test_of_many_conditions_few_motions_are_drawn_and_many_masses_have_no_curves
     motions = measured_motions(many)
     assert len(motions) == 3
     assert [one["mass_kg"] for one in motions] == sorted(one["mass_kg"] for one in motions)
-    compared = Comparison(draws_of(0.0), many, RESPONSES, law=Law("kelvin_voigt", 0.0))
+    compared = Contrasts(Study(draws_of(0.0), many, Law("kelvin_voigt", 0.0)))
     assert curves_table(compared).empty
 
 
 def test_a_tissue_that_is_never_left_has_a_loop_without_an_end() -> None:
     draws = draws_of(0.0)
     draws = draws.assign(intercept_C=draws["intercept_C"] + np.log(20))
-    compared = Comparison(draws, recorded(), RESPONSES, law=Law("kelvin_voigt", G))
+    compared = Contrasts(Study(draws, recorded(), Law("kelvin_voigt", G)))
     table = loops_table(compared)
     rest = MASS * G / PADS["A"][0]
     rows = table[table["level"] == "A"]
@@ -200,7 +200,7 @@ def test_a_tissue_that_is_never_left_has_a_loop_without_an_end() -> None:
 
 def test_where_draws_do_not_rise_again_together_a_loop_ends() -> None:
     # One impact leaves K and C of a typical person open over decades: many draws are overdamped.
-    compared = Comparison(draws_of(4.0, pads=False), recorded("1"), RESPONSES, law=Law("kelvin_voigt", 0.0))
+    compared = Contrasts(Study(draws_of(4.0, pads=False), recorded("1")))
     table = loops_table(compared)
     assert np.isfinite(table[["depth_m", "force_N"]].to_numpy(float)).all()
     assert set(columns_of("loops")) == set(table.columns)

@@ -22,11 +22,12 @@ from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.formulas.formula import judge
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.answers.contrasts import ALL, INTERACTION, contrasts_of
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import parse
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.report.fit import study
 from bayestissue.results.tables import table_of_rows
@@ -126,7 +127,7 @@ class Made:
         self.rng = rng
 
     def asked(self, text: str) -> np.ndarray:
-        return draws_of(parse(text), self.draws, self.recorded).to_numpy().ravel()
+        return draws_of(parse(text), Study(self.draws, self.recorded)).to_numpy().ravel()
 
     def log(self, q: str, at: Mapping[str, Any]) -> np.ndarray:
         return np.log(self.asked(written(q, at)))
@@ -173,7 +174,7 @@ def variables_agree(made: Made, q: str) -> None:
 
 def rows_agree(made: Made) -> None:
     """Recorded rows are at their expectation, asked and predicted; so is a new person without a spread."""
-    finished = Finished(made.draws, None, made.recorded, discrepancy=True)
+    finished = Study(made.draws, made.recorded, Law(described=False))
     rows = made.recorded.rows.iloc[:3]
     conditions = [
         {str(k): float(v) if made.recorded.is_number(str(k)) else v for k, v in row.items()}
@@ -181,7 +182,7 @@ def rows_agree(made: Made) -> None:
     ]
     predicted = predict(finished, conditions)
     still = made.draws.assign({n: 0 * v for n, v in made.draws.items() if str(n).startswith("sd_")})
-    somebody = predict(Finished(still, None, made.recorded, discrepancy=True), [{}, {"side": "left"}])
+    somebody = predict(Study(still, made.recorded, Law(described=False)), [{}, {"side": "left"}])
     for q, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
         moved = made.recorded.response(q).terms.columns
         asked = [{k: v for k, v in at.items() if k in moved} for at in conditions]

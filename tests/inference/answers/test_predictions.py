@@ -12,7 +12,7 @@ from bayestissue import Fit, read_run
 from bayestissue.elements import outcomes
 from bayestissue.errors import InputError
 from bayestissue.inference.answers import predictions
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.predictions import (
     NO_LAW,
     QUANTITIES,
@@ -21,6 +21,7 @@ from bayestissue.inference.answers.predictions import (
     read_conditions,
 )
 from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.oscillator.impact import peak_displacement, time_to_peak
@@ -41,7 +42,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     return read_run(make_fit_run(tmp_path_factory.mktemp("predicted") / "run"))
 
 
-def sure(run: Fit, gravity: float = 0.0, **sd: float) -> Finished:
+def sure(run: Fit, gravity: float = 0.0, **sd: float) -> Study:
     """The run with these standard deviations in place of its own, conditions and exponents without effect."""
     posterior = run.posterior["posterior"].to_dataset().copy()
     named = {"sd_impact_K": 0.0, "sd_impact_C": 0.0, "sd_subject_K": 0.0, "sd_subject_C": 0.0}
@@ -52,7 +53,7 @@ def sure(run: Fit, gravity: float = 0.0, **sd: float) -> Finished:
     if gravity:
         constants["gravity_m_s2"] = gravity
     groups = {"posterior": posterior, "constant_data": constants}
-    return Finished.from_tree(xr.DataTree.from_dict(groups), run.about["model"])
+    return Study.from_tree(xr.DataTree.from_dict(groups), run.about["model"])
 
 
 @pytest.mark.slow
@@ -61,20 +62,20 @@ def test_a_row_of_empty_cells_is_a_row_of_a_file(run: Fit, tmp_path: Path) -> No
     path = tmp_path / "at.csv"
     path.write_text("subject,mass_kg,velocity_m_s\n,,\ns1,0.7,1.5\n,,\n\ns1,1.1,2\n")
     s1 = {"subject": "s1", "mass_kg": 0.7, "velocity_m_s": 1.5}
-    rows = read_conditions(path, run.finished.recorded)
+    rows = read_conditions(path, run.study)
     assert rows == [{}, s1, {}, s1 | {"mass_kg": 1.1, "velocity_m_s": 2.0}]
     pd.read_csv(path).to_csv(path, index=False)
-    assert read_conditions(path, run.finished.recorded) == rows
+    assert read_conditions(path, run.study) == rows
     path.write_text('mass_kg\n""\n0.7\n')
-    assert read_conditions(path, run.finished.recorded) == [{}, {"mass_kg": 0.7}]
+    assert read_conditions(path, run.study) == [{}, {"mass_kg": 0.7}]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gravity", [0.0, 9.80665])
 def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Fit, gravity: float) -> None:
     finished = sure(run, gravity)
-    table = predict(finished, read_conditions(AT, finished.recorded))
-    draws = finished.posterior
+    table = predict(finished, read_conditions(AT, finished))
+    draws = finished.draws
     for place, (effect, mass, velocity) in enumerate([("s1", 0.7, 1.5), (None, 1.1, 2.0), (None, 0.7, 1.5)]):
         log = {q: draws[f"intercept_{q}"] for q in "KC"}
         if effect:
@@ -98,11 +99,11 @@ def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Fit, gravity: 
 @pytest.mark.slow
 def test_a_headform_has_the_head_injury_criterion_too(run: Fit) -> None:
     plain = sure(run)
-    headform = replace(plain, headform=True)
+    headform = replace(plain, law=replace(plain.law, headform=True))
     at = {"subject": "s1", "mass_kg": 4.6, "velocity_m_s": 3.0}
     table = predict(headform, [at])
     K, C = (
-        np.exp(plain.posterior[f"intercept_{q}"] + plain.posterior[f"subject_effect_{q}"].sel(subject="s1"))
+        np.exp(plain.draws[f"intercept_{q}"] + plain.draws[f"subject_effect_{q}"].sel(subject="s1"))
         for q in "KC"
     )
     made = outcomes(
@@ -120,7 +121,7 @@ def test_a_headform_has_the_head_injury_criterion_too(run: Fit) -> None:
 @pytest.mark.slow
 def test_a_new_impact_scatters_and_a_new_person_does_besides(run: Fit) -> None:
     finished = sure(run, sd_impact_K=0.2, sd_subject_K=0.5)
-    table = predict(finished, read_conditions(AT, finished.recorded))
+    table = predict(finished, read_conditions(AT, finished))
     width = np.log(table["K_N_per_m_high"] / table["K_N_per_m_low"]) / 2 / 1.645
     # The posterior's own spread of the intercept is 0.05; quantiles of 200 draws tell a sd to 9 %.
     assert width[0] == pytest.approx(np.hypot(0.2, 0.054), rel=0.3)
@@ -129,14 +130,14 @@ def test_a_new_impact_scatters_and_a_new_person_does_besides(run: Fit) -> None:
 
 def test_beside_a_discrepancy_there_are_no_peaks(run: Fit) -> None:
     finished = sure(run)
-    without = Finished(finished.posterior, None, finished.recorded, discrepancy=True)
+    without = Study(finished.draws, finished.recorded, Law(described=False))
     table = predict(without, [{"mass_kg": 1.0}])
     assert table["K_N_per_m"].notna().all()
     assert table["peak_force_N"].isna().all()
     assert table["note"][0] == NO_LAW
     # Beside K_secant, which earlier versions' runs have as K, it is the element's own.
-    posterior = finished.posterior.assign(K_secant_of_impacts=finished.posterior["K_new"])
-    alone = Finished(posterior, None, finished.recorded, discrepancy=True)
+    posterior = finished.draws.assign(K_secant_of_impacts=finished.draws["K_new"])
+    alone = Study(posterior, finished.recorded, Law(described=False))
     assert predict(alone, [{"mass_kg": 1.0}])["note"][0] == f"{ELEMENT_ALONE}; {NO_LAW}"
     asked = [
         "K[subject=s1] > 1",
@@ -228,7 +229,7 @@ def test_a_difference_of_rows_is_as_unsure_as_it_is(run: Fit) -> None:
     """Two impacts on one new person share that person, whom nobody knows; on two they do not."""
     finished = sure(run, sd_subject_K=0.5)
     at = pd.DataFrame({"subject": ["new", "new", "another"], "mass_kg": 0.7, "trial": "t0"})
-    log_K = np.log(predicted(finished, read_conditions(at, finished.recorded)).draws["K"])
+    log_K = np.log(predicted(finished, read_conditions(at, finished)).draws["K"])
     one, again, another = (log_K.sel(row=row) for row in (1, 2, 3))
     assert float(np.abs(one - again).max()) == 0.0
     # Quantiles of 200 draws tell a standard deviation to 5 % at best.

@@ -51,7 +51,7 @@ def test_reliability_has_a_prior_and_a_bayes_factor(run: Fit, draws: xr.Dataset)
 
 
 def test_a_number_that_the_data_leave_as_it_was_says_so(run: Fit) -> None:
-    as_before = replace(run.finished, prior=run.finished.posterior)
+    as_before = replace(run.study, prior=run.study.draws)
     told = ask(as_before, numbered(["K[mass_kg=1.2]", "K[mass_kg=1.2] > 2400"]))
     assert told["note"].str.contains("largely prior: the two overlap by 100 %").tolist() == [True, False]
     assert (run.ask("K[mass_kg=1.2]")["note"] == "").all()
@@ -139,13 +139,13 @@ def test_all_that_is_wrong_is_told_with_its_place_and_near_names(run: Fit) -> No
 
 
 def test_a_model_files_question_without_an_answer_says_why(run: Fit) -> None:
-    table = ask_what_can_be(run.finished, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
+    table = ask_what_can_be(run.study, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
     assert table.columns.tolist() == columns_of("questions")
     assert table["name"].tolist() == ["a", "b"]
     assert table["posterior"].notna().tolist() == [True, False]
     assert "K_strange" in table["note"][1]
     with pytest.raises(InputError, match=r"m.toml, questions.b, column 1"):
-        ask(run.finished, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
+        ask(run.study, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
 
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:

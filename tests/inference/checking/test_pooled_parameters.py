@@ -10,8 +10,8 @@ import xarray as xr
 from bayestissue.elements import element
 from bayestissue.hierarchy.design import Design
 from bayestissue.inference.answers import predictions
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.law import Law
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import headline, warned_codes, warnings
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.remedies import codes_in
@@ -65,7 +65,7 @@ def test_a_pad_that_stiffens_more_than_others_is_named_with_the_line_to_write() 
     assert warnings(diagnostics) == [found.words]
     assert warned_codes(diagnostics) == codes_in(found.words) == codes_in(found.note) == ["pooled-parameter"]
     assert "differs between levels" in headline({"passed": True, **diagnostics})
-    finished = Finished(posterior, None, design.recorded, "stiffening", discrepancy=True)
+    finished = Study(posterior, design.recorded, Law("stiffening", described=False))
     table = predictions.predict(finished, [{"pad": "a"}, {"pad": "b"}])
     assert all(found.note in note for note in table["note"])
 
@@ -84,13 +84,13 @@ def test_a_parameter_whose_formula_has_the_factor_is_predicted_at_its_levels(
         return {"peak_depth": np.zeros_like(parameters["K"])}
 
     monkeypatch.setattr(Law, "outcomes", without_motion)
-    finished = Finished(posterior, None, design.recorded, "stiffening")
+    finished = Study(posterior, design.recorded, Law("stiffening"))
     table = predictions.predict(finished, [{"pad": pad, "velocity_m_s": 2.0} for pad in "ab"])
     assert not any("mixture" in note for note in table["note"])
     logs = np.log(simulated[NAME])
     # 200 draws of each: four standard errors of a mean and of a standard deviation.
-    assert logs.mean(0) == pytest.approx(np.log([0.02, 0.2]), abs=4 * SD / np.sqrt(200))
-    assert logs.std(0) == pytest.approx([SD, SD], rel=4 / np.sqrt(400))
+    assert logs.mean((0, 1)) == pytest.approx(np.log([0.02, 0.2]), abs=4 * SD / np.sqrt(200))
+    assert logs.std((0, 1)) == pytest.approx([SD, SD], rel=4 / np.sqrt(400))
 
 
 def test_a_group_of_the_formula_is_asked_for_as_a_group() -> None:

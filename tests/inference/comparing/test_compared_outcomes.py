@@ -7,9 +7,10 @@ import xarray as xr
 from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ask_what_can_be, numbered
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.comparing import posteriors_by_run, same_questions
 from bayestissue.report.comparison import outcome_figures
 from designs import REFERENCE, impacts
@@ -21,7 +22,7 @@ EFFECTS = {"s0": -0.3, "s1": 0.0, "s2": 0.1, "s3": 0.2}
 ENDS = ["eti90_low", "median", "eti90_high"]
 
 
-def run(name: str, log_K: float, mass: float = REFERENCE, *, discrepancy: bool = False) -> Finished:
+def run(name: str, log_K: float, mass: float = REFERENCE, *, discrepancy: bool = False) -> Study:
     rows = impacts().assign(velocity_m_s=V).drop(columns="impact")
     rng = np.random.default_rng(len(name))
     effects = np.array(list(EFFECTS.values())) + 0.01 * rng.standard_normal((*SHAPE, 4))
@@ -36,15 +37,15 @@ def run(name: str, log_K: float, mass: float = REFERENCE, *, discrepancy: bool =
         {"subject": list(EFFECTS), "chain": np.arange(SHAPE[0]), "draw": np.arange(SHAPE[1])},
     )
     recorded = Recorded(rows, {"K": "(1|subject)", "C": "1"}, mass)
-    return Finished(posterior, None, recorded, discrepancy=discrepancy)
+    return Study(posterior, recorded, Law(described=not discrepancy))
 
 
-def runs(**further: bool) -> dict[str, Finished]:
+def runs(**further: bool) -> dict[str, Study]:
     return {"soft": run("soft", 7.5), "stiffer": run("stiffer", 8.0, **further)}
 
 
-def depth(run: Finished, person: str = "") -> np.ndarray:
-    posterior = run.posterior
+def depth(run: Study, person: str = "") -> np.ndarray:
+    posterior = run.draws
     log_K = posterior["intercept_K"]
     if person:
         log_K = log_K + posterior["subject_effect_K"].sel(subject=person)

@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.hierarchy import derived
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
 from designs import design_of, impacts
 
@@ -41,7 +41,7 @@ def test_they_are_kept_in_a_file_and_asked_of(tmp_path):
         """K[side="n/a"] / K""",
         "`sd_subject_effect_of_t/s_K`",
     ]
-    answers = ask(Finished(read, None, design.recorded), numbered(questions))
+    answers = ask(Study(read, design.recorded), numbered(questions))
     assert answers["median"].notna().all()
     np.testing.assert_allclose(
         answers["median"][0], np.median(draws["effect_of_I(1 \N{DIVISION SLASH} mass_kg)_K"])

@@ -52,12 +52,12 @@ from jaxtyping import Float
 from bayestissue.dataset.impacts import SESSIONS
 from bayestissue.hierarchy.columns import not_used
 from bayestissue.hierarchy.formulas.formula import interactions
-from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
-from bayestissue.inference.answers.law import MOTION, Law, moving, simulated_words
+from bayestissue.inference.answers.law import MOTION
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
-from bayestissue.inference.results.meanings import element_alone
+from bayestissue.inference.samplers.sampling import interval
 from bayestissue.results.tables import columns_of, joined
 
 ALL = "mean of all"
@@ -114,25 +114,16 @@ class Contrast:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
-    """What the formulas let one compare, and each motion on the compared levels, simulated once.
+class Contrasts:
+    """What the formulas let one compare, and each motion on the compared levels, simulated once."""
 
-    Attributes:
-        draws: the group posterior.
-        recorded: what was measured.
-        responses: K, C and the further parameters that have a formula.
-        law: what outcomes follow; without one there are none.
-    """
-
-    draws: xr.Dataset
-    recorded: Recorded
-    responses: Sequence[str]
-    law: Law | None = None
+    study: Study
 
     @cached_property
     def of_responses(self) -> dict[str, list[Contrast]]:
         """The contrasts of each response's own formula."""
-        return {response: contrasts_of(self.recorded, response) for response in self.responses}
+        recorded = self.study.recorded
+        return {response: contrasts_of(recorded, response) for response in recorded.formulas}
 
     @cached_property
     def all(self) -> list[Contrast]:
@@ -155,22 +146,18 @@ class Comparison:
         # In the order of their recordings.
         by_label = {name: {label_of(at[name]): at for at in known.values()} for name, known in levels.items()}
         return {
-            name: [known[label] for label in self.recorded.levels(name) if label in known]
+            name: [known[label] for label in self.study.recorded.levels(name) if label in known]
             for name, known in by_label.items()
         }
 
     @cached_property
-    def in_outcomes(self) -> InOutcomes | None:
-        """All levels' motions in one go; None where there is no law, no velocity or nothing to compare."""
-        if self.law is None:
-            return None
+    def in_outcomes(self) -> InOutcomes:
+        """All levels' motions in one go."""
         compared = self.all
-        if not self.law.in_closed_form:
+        if not self.study.law.in_closed_form:
             compared = _within(compared, SETTINGS.simulated // SETTINGS.of_a_condition)
-        stated, weights = _weights(compared)
-        conditions = [moving(condition, self.law.gravity) for condition in stated]
-        values = self.law.reference_outcomes(self.draws, self.recorded, conditions)
-        return InOutcomes(compared, stated, conditions, weights, values) if values else None
+        conditions, weights = _weights(compared)
+        return InOutcomes(compared, conditions, weights, self.study.of_reference_impact(conditions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,30 +166,30 @@ class InOutcomes:
 
     Attributes:
         compared: the contrasts that they serve.
-        stated: the conditions as contrasts have them.
-        conditions: the same with what the impact moves by.
+        conditions: those of the contrasts.
         weights: what each adds to the log of each ratio.
-        outcomes: of each outcome its values.
+        outcomes: [chain, draw, condition]; none where there is no law, no velocity or nothing to compare.
     """
 
     compared: list[Contrast]
-    stated: list[Condition]
     conditions: list[Condition]
     weights: Float[np.ndarray, "condition ratio"]
-    outcomes: dict[str, Float[np.ndarray, "draw condition"]]
+    outcomes: xr.Dataset
 
-    def rows_of(self, levels: Sequence[Condition]) -> list[int]:
-        """Where conditions stand; empty where some were not simulated."""
-        row_of = {_key(at): row for row, at in enumerate(self.stated)}
+    def at(self, levels: Sequence[Condition]) -> xr.Dataset:
+        """Those of some levels; none where some were not simulated."""
+        row_of = {_key(at): row for row, at in enumerate(self.conditions)} if self.outcomes else {}
         keys = [_key(at) for at in levels]
-        return [row_of[key] for key in keys] if all(key in row_of for key in keys) else []
+        if not all(key in row_of for key in keys):
+            return xr.Dataset()
+        return self.outcomes.isel(condition=[row_of[key] for key in keys])
 
 
-def contrasts_table(comparison: Comparison, equivalence: float) -> pd.DataFrame:
+def contrasts_table(contrasts: Contrasts, equivalence: float) -> pd.DataFrame:
     """Every contrast that the formulas have, a row each: ``contrasts.csv``.
 
     Args:
-        comparison: of a fit.
+        contrasts: of a fit.
         equivalence: e, the relative difference that counts as none in practice.
 
     Returns:
@@ -210,29 +197,26 @@ def contrasts_table(comparison: Comparison, equivalence: float) -> pd.DataFrame:
         ends of the 90 % equal-tailed interval. Beside a discrepancy ``note`` says of K that it is the
         element's own.
     """
-    draws, recorded, tables = comparison.draws, comparison.recorded, []
-    for response, compared in comparison.of_responses.items():
+    study, tables = contrasts.study, []
+    for response, compared in contrasts.of_responses.items():
         if compared:
             conditions, weights = _weights(compared)
-            logs = log_at_levels(draws, recorded, response, conditions).reshape(-1, len(conditions)) @ weights
-            tables.append(_rows(compared, _notes(recorded, compared), response, logs, equivalence))
+            values = study.at([response], conditions)[response]
+            notes = _notes(study.recorded, compared)
+            tables.append(_rows(compared, notes, ratio_summary(values, weights, equivalence), response))
     table = _by_contrast(tables)
-    if element_alone(draws):
+    if study.element_alone:
         of_K = table["quantity"] == "K"
         table.loc[of_K, "note"] = (table["note"] + f"; {ELEMENT_ALONE}").str.removeprefix("; ")[of_K]
-    outcomes = _by_contrast(_outcome_rows(comparison, equivalence))
+    outcomes = _by_contrast(_outcome_rows(contrasts, equivalence))
     return pd.concat([table, outcomes], ignore_index=True) if len(outcomes) else table
 
 
 def _rows(
-    compared: Sequence[Contrast],
-    notes: Sequence[str],
-    quantity: str,
-    logs: Float[np.ndarray, "draw ratio"],
-    equivalence: float,
+    compared: Sequence[Contrast], notes: Sequence[str], summary: Mapping[str, Any], quantity: str
 ) -> pd.DataFrame:
     texts = [(*c.names, c.kind, note) for c, note in zip(compared, notes, strict=True)]
-    table = pd.DataFrame(texts, columns=_TEXT).assign(quantity=quantity, **ratio_summary(logs, equivalence))
+    table = pd.DataFrame(texts, columns=_TEXT).assign(quantity=quantity, **summary)
     return table.reindex(columns=columns_of("contrasts"))
 
 
@@ -243,21 +227,18 @@ def _by_contrast(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
 
 
-def _outcome_rows(comparison: Comparison, equivalence: float) -> list[pd.DataFrame]:
+def _outcome_rows(contrasts: Contrasts, equivalence: float) -> list[pd.DataFrame]:
     """Rows of each of `REFERENCE_OUTCOMES`."""
-    in_outcomes, recorded, law = comparison.in_outcomes, comparison.recorded, comparison.law
-    if in_outcomes is None or law is None:
+    study, here = contrasts.study, contrasts.in_outcomes
+    if not here.outcomes:
         return []
-    simulated = [words] if (words := simulated_words(in_outcomes.outcomes, comparison.draws)) else []
-    level_notes = _notes(recorded, in_outcomes.compared)
-    notes = ["; ".join([note, *simulated] if note else simulated) for note in level_notes]
-    hits = law.motion(recorded, in_outcomes.conditions)
-    motion = {name: _shared(values, in_outcomes.weights) for name, values in hits.items()}
+    simulated = study.simulated_words(here.outcomes)
+    notes = ["; ".join(filter(None, [note, simulated])) for note in _notes(study.recorded, here.compared)]
+    motion = study.motion(here.conditions)
+    shared = {name: _shared(motion[name], here.weights) for name in ("mass_kg", "velocity_m_s")}
     return [
-        _rows(in_outcomes.compared, notes, name, np.log(outcome) @ in_outcomes.weights, equivalence).assign(
-            **motion
-        )
-        for name, outcome in in_outcomes.outcomes.items()
+        _rows(here.compared, notes, ratio_summary(values, here.weights, equivalence) | shared, str(name))
+        for name, values in here.outcomes.items()
     ]
 
 
@@ -269,15 +250,25 @@ def _shared(
     return [float(those[0]) if (those == those[0]).all() else np.nan for those in chosen]
 
 
-def ratio_summary(logs: Float[np.ndarray, "draw ratio"], equivalence: float) -> dict[str, np.ndarray]:
-    """Median, 90 % interval, probabilities of direction and of practical equivalence of ratios."""
-    low, median, high = np.exp(np.percentile(logs, [5, 50, 95], axis=0))
+def ratio_summary(
+    values: xr.DataArray, weights: Float[np.ndarray, "condition ratio"], equivalence: float
+) -> dict[str, np.ndarray]:
+    """Median, 90 % interval, probabilities of direction and of practical equivalence of ratios.
+
+    Args:
+        values: positive, [chain, draw, condition].
+        weights: what the log of each adds to the log of each ratio.
+        equivalence: e.
+    """
+    logs = xr.dot(np.log(values), xr.DataArray(weights, dims=("condition", "ratio")))
+    ends = interval(logs)
+    directions = [(side > 0).mean(DRAWN).to_numpy() for side in (logs, -logs)]
     return {
-        "ratio": median,
-        "low": low,
-        "high": high,
-        "p_direction": np.maximum((logs > 0).mean(axis=0), (logs < 0).mean(axis=0)),
-        "p_equivalent": (np.abs(logs) < np.log1p(equivalence)).mean(axis=0),
+        "ratio": np.exp(ends["median"]),
+        "low": np.exp(ends["low"]),
+        "high": np.exp(ends["high"]),
+        "p_direction": np.maximum(*directions),
+        "p_equivalent": (np.abs(logs) < np.log1p(equivalence)).mean(DRAWN).to_numpy(),
     }
 
 

@@ -15,18 +15,19 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.inference.answers.grammar import Critical, Node, QuestionError
-from bayestissue.inference.answers.law import DROP_HEIGHT, Law, fall_height
+from bayestissue.inference.answers.law import DROP_HEIGHT, fall_height
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.answers.study import Study
 
 # The columns of the motion that a claim may be followed along, with their units.
 ALONG = {DROP_HEIGHT: "cm", "velocity_m_s": "m/s"}
 
 
-# The value of a side of a claim, [chain, draw], by a law, in the draws of these numbers: None for all.
-Value = Callable[[Node, Law, np.ndarray | None], xr.DataArray]
+# The value of a side of a claim, [chain, draw].
+Value = Callable[[Node, Study], xr.DataArray]
 
 
-def critical_motion(node: Critical, law: Law, value: Value, draws: tuple[int, int]) -> np.ndarray:
+def critical_motion(node: Critical, study: Study, value: Value) -> Float[np.ndarray, "chain draw"]:
     """The greatest value of the column up to which the claim holds, [chain, draw].
 
     The claim is judged at velocities from `AnswerSettings.slowest` to `AnswerSettings.fastest` in some draws,
@@ -35,9 +36,8 @@ def critical_motion(node: Critical, law: Law, value: Value, draws: tuple[int, in
 
     Args:
         node: what is asked.
-        law: what impacts follow.
-        value: a side of the claim, with a law that has its own velocity in each draw.
-        draws: chains, and draws of each.
+        study: of whose impacts.
+        value: a side of the claim, where impacts have a velocity of their own in each draw.
 
     Returns:
         0 where it holds at no velocity, infinite where it holds at all of them.
@@ -46,12 +46,16 @@ def critical_motion(node: Critical, law: Law, value: Value, draws: tuple[int, in
         QuestionError: the claim holds again at a greater velocity, or has no number at one.
     """
     left, right = node.claim.operands
+    draws = (study.draws.sizes["chain"], study.draws.sizes["draw"])
     sign = 1.0 if node.claim.symbol in ("<", "<=") else -1.0
 
     def difference(velocity: Float[np.ndarray, "*draw"], at: np.ndarray | None = None) -> np.ndarray:
         """Below 0 where the claim holds, [chain, draw]."""
-        moved = replace(law, velocity_m_s=velocity)
-        return (sign * (value(left, moved, at) - value(right, moved, at))).to_numpy()
+        chosen = study.draws
+        if at is not None:
+            chosen = chosen.isel(draw=at).assign_coords(draw=np.arange(len(at)))
+        moved = replace(study, draws=chosen, velocity_m_s=velocity)
+        return (sign * (value(left, moved) - value(right, moved))).to_numpy()
 
     def judged(ends: Float[np.ndarray, " end"], draw: np.ndarray) -> np.ndarray:
         """The difference at each of some velocities, [chain, end, draw]."""

@@ -8,7 +8,7 @@ evaluated at parameters drawn at random, of which no two are related: with more 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -26,10 +26,10 @@ from bayestissue.hierarchy.formulas.group_terms import (
     quoted,
 )
 from bayestissue.hierarchy.formulas.identifiability import PRECISION
-from bayestissue.hierarchy.levels import design_at, log_at_levels
-from bayestissue.hierarchy.recorded import Condition, Recorded
+from bayestissue.hierarchy.levels import design_at
+from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.grammar import Choice, Critical, Node, Operation, QuestionError, claims
-from bayestissue.inference.answers.law import Law, numbers
+from bayestissue.inference.answers.law import Law, Values
 from bayestissue.inference.answers.meaning import (
     alternatives,
     draws_of,
@@ -38,28 +38,27 @@ from bayestissue.inference.answers.meaning import (
     responses_of,
 )
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.answers.study import Study
 
 
+@dataclass(frozen=True)
 class _AnyLaw(Law):
-    """In place of the law of force: a function of K, C and the motion without symmetries."""
+    """In place of the law of force: a function of the parameters and the motion without symmetries."""
 
-    def at_levels(
-        self, name: str, draws: xr.Dataset, recorded: Recorded, conditions: Sequence[Condition]
-    ) -> Float[np.ndarray, "chain draw condition"]:
+    gravity: float = 1.0
+    of: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """K, C and what else has a formula."""
+        return self.of
+
+    def outcomes(self, parameters: Values, motion: Values, names: Iterable[str] = ()) -> Values:
         """K^0.37 C^0.21 and likewise of further parameters, times mass^0.3 velocity."""
-        logs = [
-            power * log_at_levels(draws, recorded, q, conditions)
-            for q, power in zip(
-                recorded.formulas, 0.37 * 0.57 ** np.arange(len(recorded.formulas)), strict=True
-            )
-        ]
-        moved = numbers(recorded, conditions, "mass_kg") ** 0.3 * numbers(
-            recorded, conditions, "velocity_m_s"
-        )
-        return np.exp(sum(logs)) * moved
-
-
-_STAND_IN = _AnyLaw("", 1.0)
+        powers = 0.37 * 0.57 ** np.arange(len(self.of))
+        logs = [power * np.log(parameters[q]) for q, power in zip(self.of, powers, strict=True)]
+        value = np.exp(sum(logs)) * motion["mass_kg"] ** 0.3 * motion["velocity_m_s"]
+        return dict.fromkeys(names, value)
 
 
 def fixed_parts(node: Node, recorded: Recorded, posterior: xr.Dataset | None) -> Iterator[QuestionError]:
@@ -146,10 +145,11 @@ def _moved(
 
 def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorded) -> bool:
     """Whether what a question compares is another in ``moved``, as a difference and as a ratio."""
+    law = _AnyLaw(of=tuple(recorded.formulas))
     for sides in _comparisons(node):
         try:
             before, after = (
-                [draws_of(side, parameters, recorded, _STAND_IN).to_numpy() for side in sides]
+                [draws_of(side, Study(parameters, recorded, law)).to_numpy() for side in sides]
                 for parameters in (draws, moved)
             )
         except (KeyError, QuestionError):  # of what is no parameter, such as coefficients of reliability
@@ -208,8 +208,9 @@ def _value_if_fixed(sides: Sequence[Node], recorded: Recorded, posterior: xr.Dat
         draws = posterior
     else:
         return None
+    law = _AnyLaw(of=tuple(recorded.formulas))
     try:
-        values = [draws_of(side, draws, recorded, _STAND_IN).to_numpy() for side in sides]
+        values = [draws_of(side, Study(draws, recorded, law)).to_numpy() for side in sides]
     except QuestionError:  # a number that is none in some draws
         return None
     left, right = values[0], values[1] if len(values) > 1 else np.zeros(1)

@@ -19,13 +19,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
 
 from bayestissue.dataset.cells import alike, in_whatever_case
 from bayestissue.elements.head_injury import LONGEST
 from bayestissue.elements.outcomes import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.errors import Coded
-from bayestissue.hierarchy.levels import NEW, log_at_levels
+from bayestissue.hierarchy.levels import NEW
 from bayestissue.hierarchy.recorded import Condition, Recorded
 from bayestissue.inference.answers.critical import ALONG, critical_motion
 from bayestissue.inference.answers.grammar import (
@@ -40,20 +39,12 @@ from bayestissue.inference.answers.grammar import (
     QuestionError,
     claims,
 )
-from bayestissue.inference.answers.law import (
-    DROP_HEIGHT,
-    MOTION,
-    NO_LAW,
-    Law,
-    beyond,
-    moving,
-    unfit_height,
-)
+from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, beyond, unfit_height
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.results.labels import element_attributes
 from bayestissue.outline import first_of
 
-_DRAWN = ("chain", "draw")
 _ABOVE_ZERO = {
     "mass_kg": "a mass above 0 kg",
     "velocity_m_s": "a velocity above 0 m/s",
@@ -86,7 +77,7 @@ def open_columns(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset |
     if is_response(quantity, recorded) or posterior is None:
         return [level.column for level in quantity.levels if level.value is None]
     chosen = [level.column for level in quantity.levels if level.value is not None]
-    return [str(name) for name in posterior[quantity.name].dims if name not in (*_DRAWN, *chosen)]
+    return [str(name) for name in posterior[quantity.name].dims if name not in (*DRAWN, *chosen)]
 
 
 def condition_of(quantity: Quantity, recorded: Recorded) -> dict[str, str | float]:
@@ -335,7 +326,7 @@ def _of_quantity(
         expected = "a quantity whose draws were all kept; of so many impacts single ones were kept in part"
         yield QuestionError(quantity.position, quantity.name, expected)
         return
-    dims = [str(name) for name in array.dims if name not in _DRAWN]
+    dims = [str(name) for name in array.dims if name not in DRAWN]
     for level in quantity.levels:
         if level.column not in dims:
             what = (
@@ -450,34 +441,37 @@ _WHY = {
 _REDUCED: dict[str, Callable[..., Any]] = {"max": np.maximum, "min": np.minimum, "mean": operator.add}
 
 
-def draws_of(node: Node, draws: xr.Dataset, recorded: Recorded, law: Law | None = None) -> xr.DataArray:
+def draws_of(node: Node, study: Study) -> xr.DataArray:
     """True or false, or a number, in each draw: [chain, draw].
 
     Args:
         node: a question without mistakes: see `bayestissue.inference.answers.meaning.mistakes`.
-        draws: the group posterior or prior.
-        recorded: of the run.
-        law: what outcomes at given levels follow.
+        study: of which, by posterior or prior.
 
     Raises:
-        KeyError: these draws lack a variable.
+        KeyError: its draws lack a variable.
         QuestionError: a number is none in some draws, as the log of a negative one.
     """
-    node = as_recorded(node, recorded, draws)
+    node = as_recorded(node, study.recorded, study.draws)
     with np.errstate(all="ignore"):
-        value = _value(node, draws, recorded, law)
-        blank = xr.zeros_like(draws[_DRAWN[0]] * draws[_DRAWN[1]])
-        return (value | blank.astype(bool)) if claims(node) else value + blank
+        return _in_each(node, study)
 
 
-def _value(node: Node, draws: xr.Dataset, recorded: Recorded, law: Law | None) -> xr.DataArray:
+def _in_each(node: Node, study: Study) -> xr.DataArray:
+    """The value in each draw, also where it is the same in all."""
+    value = _value(node, study)
+    blank = xr.zeros_like(study.draws[DRAWN[0]] * study.draws[DRAWN[1]])
+    return (value | blank.astype(bool)) if claims(node) else value + blank
+
+
+def _value(node: Node, study: Study) -> xr.DataArray:
     if isinstance(node, Number):
         return xr.DataArray(node.value)
     if isinstance(node, Quantity):
-        return _quantity_draws(node, draws, recorded, law)
+        return _quantity_draws(node, study)
     if isinstance(node, Critical):
-        return _critical_draws(node, draws, recorded, law)
-    values = [_value(operand, draws, recorded, law) for operand in node.operands]
+        return _critical_draws(node, study)
+    values = [_value(operand, study) for operand in node.operands]
     value = _over_levels(node.symbol, values) if node.symbol in OF_MANY else _OPERATORS[node.symbol](*values)
     if not node.claims and (wrong := int((~np.isfinite(value)).sum())):
         what = "no number" if np.isnan(value).any() else "too large a number"
@@ -487,48 +481,38 @@ def _value(node: Node, draws: xr.Dataset, recorded: Recorded, law: Law | None) -
     return value
 
 
-def _critical_draws(node: Critical, draws: xr.Dataset, recorded: Recorded, law: Law | None) -> xr.DataArray:
+def _critical_draws(node: Critical, study: Study) -> xr.DataArray:
     outcome = next(quantity for quantity in quantities(node) if quantity.name in OUTCOMES)
-    if law is None:
+    if not study.law.anywhere:
         raise QuestionError(outcome.position, outcome.name, "a run with a law of force", str(NO_LAW))
-    if node.column == DROP_HEIGHT and not law.gravity:
+    if node.column == DROP_HEIGHT and not study.law.gravity:
         expected = "velocity_m_s, since this dataset states no gravity along the motion"
         raise QuestionError(node.position, DROP_HEIGHT, expected)
-
-    def value(side: Node, moved: Law, at: np.ndarray | None) -> xr.DataArray:
-        chosen = draws if at is None else draws.isel(draw=at).assign_coords(draw=np.arange(len(at)))
-        return _value(side, chosen, recorded, moved) + xr.zeros_like(chosen[_DRAWN[0]] * chosen[_DRAWN[1]])
-
-    sizes = (draws.sizes["chain"], draws.sizes["draw"])
-    coords = {name: draws[name].to_numpy() for name in _DRAWN}
-    return xr.DataArray(critical_motion(node, law, value, sizes), coords, _DRAWN)
+    coords = {name: study.draws[name].to_numpy() for name in DRAWN}
+    return xr.DataArray(critical_motion(node, study, _in_each), coords, DRAWN)
 
 
 def _over_levels(symbol: str, values: list[xr.DataArray]) -> xr.DataArray:
     """The greatest, least or mean of all values, and of all levels within each."""
     if symbol != "mean":
-        reduced = [getattr(array, symbol)([d for d in array.dims if d not in _DRAWN]) for array in values]
+        reduced = [getattr(array, symbol)([d for d in array.dims if d not in DRAWN]) for array in values]
         return reduce(_REDUCED[symbol], reduced)
-    reduced = [array.mean([d for d in array.dims if d not in _DRAWN]) for array in values]
+    reduced = [array.mean([d for d in array.dims if d not in DRAWN]) for array in values]
     return reduce(_REDUCED[symbol], reduced) / len(reduced)
 
 
-def _quantity_draws(
-    quantity: Quantity, draws: xr.Dataset, recorded: Recorded, law: Law | None
-) -> xr.DataArray:
-    if is_response(quantity, recorded):
-        conditions = conditions_of(quantity, recorded)
+def _quantity_draws(quantity: Quantity, study: Study) -> xr.DataArray:
+    if is_response(quantity, study.recorded):
+        conditions = conditions_of(quantity, study.recorded)
         if quantity.name in OUTCOMES:
-            values = _outcome_draws(quantity, draws, recorded, law, conditions)
-        else:
-            values = np.exp(log_at_levels(draws, recorded, quantity.name, conditions))
-        free = open_columns(quantity, recorded, draws)
-        coords = {name: draws[name].to_numpy() for name in _DRAWN}
+            require_motions(quantity, study, conditions)
+        values = study.at([quantity.name], conditions)[quantity.name]
+        free = open_columns(quantity, study.recorded, study.draws)
         if not free:
-            return xr.DataArray(values[..., 0], coords, _DRAWN)
+            return values.isel(condition=0)
         labels = [str(condition[free[0]]) for condition in conditions]
-        return xr.DataArray(values, {**coords, free[0]: labels}, (*_DRAWN, free[0]))
-    array = draws[quantity.name]
+        return values.rename(condition=free[0]).assign_coords({free[0]: labels})
+    array = study.draws[quantity.name]
     for level in quantity.levels:
         if level.value is not None:
             labels = array[level.column].astype(str).to_numpy().tolist()
@@ -536,36 +520,22 @@ def _quantity_draws(
     return array.reset_coords(drop=True)
 
 
-def _outcome_draws(
-    quantity: Quantity,
-    draws: xr.Dataset,
-    recorded: Recorded,
-    law: Law | None,
-    conditions: Sequence[Condition],
-) -> Float[np.ndarray, "chain draw condition"]:
-    law, conditions = motions_of(quantity, recorded, law, conditions)
-    return law.at_levels(quantity.name, draws, recorded, conditions)
-
-
-def motions_of(
-    quantity: Quantity, recorded: Recorded, law: Law | None, conditions: Sequence[Condition]
-) -> tuple[Law, list[Condition]]:
-    """What an outcome at given levels follows, and the conditions with their velocities.
+def require_motions(quantity: Quantity, study: Study, conditions: Sequence[Condition]) -> None:
+    """Refuse an outcome in conditions where it has no value.
 
     Raises:
         QuestionError: there is no law, no velocity, or a height without gravity; or what hits is no headform.
     """
-    if law is None:
+    law = study.law
+    if not law.anywhere:
         raise QuestionError(quantity.position, quantity.name, "a run with a law of force", str(NO_LAW))
-    if beyond_law := [condition for condition in conditions if not law.holds(recorded, condition)]:
-        expected = f"levels at which a law of force holds: {law.held(recorded, beyond_law[0])}"
+    if beyond_law := [condition for condition in conditions if not study.holds(condition)]:
+        expected = f"levels at which a law of force holds: {study.held(beyond_law[0])}"
         raise QuestionError(quantity.position, quantity.name, expected, str(NO_LAW))
-    if expected := unfit_height(recorded, conditions[0], law.gravity):
+    if expected := unfit_height(study.recorded, conditions[0], law.gravity):
         raise QuestionError(quantity.position, DROP_HEIGHT, expected)
-    conditions = [moving(condition, law.gravity) for condition in conditions]
-    if not (law.velocity(recorded, conditions) > 0).all():
+    if not (study.motion(conditions)["velocity_m_s"] > 0).all():
         raise QuestionError(quantity.position, quantity.name, "velocity_m_s=number in its brackets")
     if quantity.name in LONGEST and not law.headform:
         expected = "a run whose dataset.toml says headform = true in the table [impactor]"
         raise QuestionError(quantity.position, quantity.name, expected)
-    return law, conditions

@@ -34,37 +34,26 @@ from bayestissue.dataset.files import Source
 from bayestissue.elements import element
 from bayestissue.elements.outcomes import NEVER
 from bayestissue.errors import Coded, InputError, Problem, has_control_characters, path_argument
-from bayestissue.hierarchy.effects import RESPONSES, parameter_of, sd_impact
+from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.levels import NEW
 from bayestissue.hierarchy.recorded import Condition, Recorded
-from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.law import (
-    DROP_HEIGHT,
-    MET,
-    NO_LAW,
-    Law,
-    deeper,
-    moving,
-    numbers,
-    parameter_log,
-    reached_depths,
-    simulated_step,
-    unfit_height,
-)
+from bayestissue.inference.answers.law import DROP_HEIGHT, NO_LAW, moving, unfit_height
 from bayestissue.inference.answers.meaning import average_notes, beyond_notes
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.answers.study import DRAWN, Study, simulated_step
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import COLUMNS, HEADFORM_COLUMNS, OUTCOME_COLUMNS
-from bayestissue.inference.samplers.sampling import quantiles
+from bayestissue.inference.samplers.sampling import interval
 from bayestissue.results import whole_file, write_tree
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = COLUMNS | OUTCOME_COLUMNS
 NO_VELOCITY = Coded.stated("not-simulated.velocity")
-_QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
-_LEVELS, _SCATTER = 1, 2
+_ENDS = {"median": "", "low": "_low", "high": "_high"}
+# The seed of the scatter of single impacts.
+_SCATTER = 2
 
 
 class Predicted(NamedTuple):
@@ -83,124 +72,90 @@ class Predicted(NamedTuple):
 
 
 def predict(
-    finished: Finished, conditions: Sequence[Condition], say: Callable[[str, int, int], None] | None = None
+    study: Study, conditions: Sequence[Condition], say: Callable[[str, int, int], None] | None = None
 ) -> pd.DataFrame:
     """The table of `predicted`, made in blocks of rows, so that draws of all of them are never there at once.
 
     Args:
-        finished: as of `predicted`.
+        study: as of `predicted`.
         conditions: likewise.
         say: told the stage, how many rows are done, and of how many.
     """
-    count, rng = _draws_of(finished), np.random.default_rng(_SCATTER)
-    block = max(1, SETTINGS.predicted // count)
-    step = simulated_step(count, len(conditions))
+    rng = np.random.default_rng(_SCATTER)
+    block = max(1, SETTINGS.predicted // study.count)
+    step = simulated_step(study.count, len(conditions))
     tables = []
     for begin in range(0, max(1, len(conditions)), block):
         if say is not None and len(conditions) > block:
             say("predicting", begin, len(conditions))
         rows = conditions[begin : begin + block]
-        tables.append(_predicted(finished, rows, step, rng).table)
+        tables.append(_predicted(study, rows, step, rng).table)
     return pd.concat(tables, ignore_index=True)
 
 
-def predicted(finished: Finished, conditions: Sequence[Condition]) -> Predicted:
+def predicted(study: Study, conditions: Sequence[Condition]) -> Predicted:
     """Predictions of one new impact in each condition; float64 must be set.
 
     Args:
-        finished: the fit.
+        study: the fit.
         conditions: what is given in each, by column; see `bayestissue.hierarchy.levels`.
     """
-    step = simulated_step(_draws_of(finished), len(conditions))
-    return _predicted(finished, conditions, step, np.random.default_rng(_SCATTER))
-
-
-def _draws_of(finished: Finished) -> int:
-    return finished.posterior.sizes["chain"] * finished.posterior.sizes["draw"]
+    step = simulated_step(study.count, len(conditions))
+    return _predicted(study, conditions, step, np.random.default_rng(_SCATTER))
 
 
 def _predicted(
-    finished: Finished, conditions: Sequence[Condition], step: int, rng: np.random.Generator
+    study: Study, conditions: Sequence[Condition], step: int, rng: np.random.Generator
 ) -> Predicted:
     """Predictions of which every ``step``th draw is simulated, the scatter of single impacts by ``rng``."""
-    recorded, posterior, which = finished.recorded, finished.posterior, element(finished.element)
-    conditions = [moving(condition, finished.gravity) for condition in conditions]
-    names = [*RESPONSES, *(value.name for value in which.extra)]
-    logs = _parameters(finished, names, conditions, rng)
-    parameters = {name: np.exp(value) for name, value in zip(names, logs, strict=True)}
-    count = _draws_of(finished)
-    simulated = {name: value[:, ::step] for name, value in parameters.items()}
-    met = {name: numbers(recorded, conditions, name) for name in MET}
-    law = finished.law_of_levels
-    held = np.array([law is not None and law.holds(recorded, condition) for condition in conditions], bool)
-    outcomes = _outcomes(law, simulated, met, held)
-    summarised = {name: parameters[name] for name in RESPONSES} | outcomes
-    columns = COLUMNS | (HEADFORM_COLUMNS if finished.headform else OUTCOME_COLUMNS)
-    notes = _notes(finished, conditions, met["velocity_m_s"], outcomes.get("peak_depth"), held)
-    summary = _summary(summarised, columns)
+    held = np.array([study.holds(condition) for condition in conditions], bool)
+    motion, headform = study.motion(conditions), study.law.headform
+    parameters = study.parameters(conditions, scatter=rng)
+    simulated = parameters.isel(draw=slice(None, None, step))
+    outcomes = study.outcomes(simulated, conditions) if held.any() else xr.Dataset()
+    notes = _notes(study, conditions, outcomes, held)
+    columns = COLUMNS | (HEADFORM_COLUMNS if headform else OUTCOME_COLUMNS)
+    summary = _summary({q: parameters[q] for q in RESPONSES} | dict(outcomes), columns)
+    count = simulated.sizes["chain"] * simulated.sizes["draw"]
     table = pd.DataFrame(
         [
-            dict(condition)
-            | {name: met[name][row] for name in ("mass_kg", "velocity_m_s")}
-            | {"new": ", ".join(_new(recorded, condition))}
+            dict(moving(condition, study.law.gravity))
+            | {name: motion[name][row] for name in ("mass_kg", "velocity_m_s")}
+            | {"new": ", ".join(_new(study.recorded, condition))}
             | {name: float(values[row]) for name, values in summary.items()}
-            | {"draws": count, "simulated": simulated["K"][..., row].size if held[row] else 0}
+            | {"draws": study.count, "simulated": count if held[row] else 0}
             | {"note": "; ".join(notes[row])}
             for row, condition in enumerate(conditions)
         ]
     )
-    coords = {name: posterior[name].to_numpy() for name in ("chain", "draw")}
-    coords |= {"draw": coords["draw"][::step], "row": np.arange(1, len(conditions) + 1)}
     attributes = ATTRIBUTES | element_attributes()
-    draws = {name: (tuple(coords), value, attributes[name]) for name, value in (simulated | outcomes).items()}
-    return Predicted(table, xr.Dataset(draws, coords))
-
-
-def _outcomes(
-    law: Law | None,
-    parameters: Mapping[str, Float[np.ndarray, "chain draw condition"]],
-    met: Mapping[str, Float[np.ndarray, " condition"]],
-    held: Bool[np.ndarray, " condition"],
-) -> dict[str, Float[np.ndarray, "chain draw condition"]]:
-    """What impacts of such parameters and motions come to, NaN where the law does not hold."""
-    if law is None or not held.any():
-        return {}
-    shape = parameters["K"].shape
-    flat = {name: value.reshape(-1, shape[-1]) for name, value in parameters.items()}
-    of_law = law.outcomes(flat, *(met[name] for name in MET))
-    return {name: np.where(held, value.reshape(shape), np.nan) for name, value in of_law.items()}
+    draws = simulated.assign(outcomes).rename(condition="row")
+    draws = draws.assign_coords(row=np.arange(1, len(conditions) + 1))
+    return Predicted(table, draws.assign({n: v.assign_attrs(attributes[str(n)]) for n, v in draws.items()}))
 
 
 def _notes(
-    finished: Finished,
-    conditions: Sequence[Condition],
-    velocity: Float[np.ndarray, " condition"],
-    depth: Float[np.ndarray, "chain draw condition"] | None,
-    held: Bool[np.ndarray, " condition"],
+    study: Study, conditions: Sequence[Condition], outcomes: xr.Dataset, held: Bool[np.ndarray, " condition"]
 ) -> list[list[str]]:
     """Of each condition what lacks, and what lies beyond what was measured."""
-    recorded, posterior = finished.recorded, finished.posterior
+    recorded = study.recorded
     of_all: list[str] = [
-        one.note for one in pooled_parameters(posterior, recorded, element(finished.element))
+        *(one.note for one in pooled_parameters(study.draws, recorded, element(study.law.element))),
+        *[ELEMENT_ALONE] * study.element_alone,
     ]
-    notes = [
-        [
-            *beyond_notes(recorded, condition),
-            *_unknown(recorded, condition),
-            *average_notes(recorded, RESPONSES, condition),
-            *of_all,
+    velocity = study.motion(conditions)["velocity_m_s"]
+    depths = interval(outcomes["peak_depth"])["median"] if outcomes else velocity
+    notes = []
+    for condition, V, depth, lawful in zip(conditions, velocity, depths, held, strict=True):
+        moved = moving(condition, study.law.gravity)
+        further = [NO_LAW] if not lawful else study.deeper(moved, float(depth)) if V > 0 else [NO_VELOCITY]
+        of_levels = [
+            *beyond_notes(recorded, moved),
+            *_unknown(recorded, moved),
+            *average_notes(recorded, RESPONSES, moved),
         ]
-        for condition in conditions
-    ]
-    lacks: list[list[str]] = [[] if law else [NO_LAW] for law in held.tolist()]
-    alone = [ELEMENT_ALONE] * finished.element_alone
-    if depth is None:
-        return [[*one, *alone, *law] for one, law in zip(notes, lacks, strict=True)]
-    depths, reached = np.median(depth, axis=(0, 1)), reached_depths(posterior)
-    return [
-        [*one, *alone, *(law or (deeper(reached, recorded, at, float(x)) if v > 0 else [NO_VELOCITY]))]
-        for one, at, v, x, law in zip(notes, conditions, velocity, depths, lacks, strict=True)
-    ]
+        notes.append([*of_levels, *of_all, *further])
+    return notes
 
 
 # What joint draws are written as.
@@ -235,36 +190,18 @@ def write_draws(draws: xr.Dataset, path: Path) -> None:
         table.to_parquet(staging, index=False)
 
 
-def _parameters(
-    finished: Finished, names: Sequence[str], conditions: Sequence[Condition], rng: np.random.Generator
-) -> list[Float[np.ndarray, "chain draw condition"]]:
-    """Draws of the log of each parameter of a new impact in each condition."""
-    draws = finished.posterior
-    shape = (draws.sizes["chain"], draws.sizes["draw"], len(conditions))
-    scatter = rng.standard_normal((len(names), *shape))
-    if "residual_correlation" in draws:
-        r = draws["residual_correlation"].to_numpy()[..., None]
-        scatter[1] = r * scatter[0] + np.sqrt(1 - r**2) * scatter[1]
-    logs = []
-    for name, noise in zip(names, scatter, strict=True):
-        log = parameter_log(draws, finished.recorded, name, conditions, new_levels=_LEVELS)
-        logs.append(log + draws[sd_impact(parameter_of(name))].to_numpy()[..., None] * noise)
-    return logs
-
-
 def _summary(
-    values: Mapping[str, Float[np.ndarray, "chain draw row"]], columns: Mapping[str, str]
+    values: Mapping[str, xr.DataArray], columns: Mapping[str, str]
 ) -> dict[str, Float[np.ndarray, " row"]]:
     """Median and 90 % interval of each quantity that there is, and of the others nothing."""
-    nothing = np.full(next(iter(values.values())).shape[-1], np.nan)
-    summary = {f"{column}{end}": nothing for column in columns.values() for end in _QUANTILES}
+    nothing = np.full(next(iter(values.values())).sizes["condition"], np.nan)
+    summary = {f"{column}{end}": nothing for column in columns.values() for end in _ENDS.values()}
     for name, draws in values.items():
-        of_rows = np.ascontiguousarray(draws.reshape(-1, draws.shape[-1]).T)
-        ends = quantiles(of_rows, list(_QUANTILES.values()))
-        summary |= {f"{columns[name]}{end}": v for end, v in zip(_QUANTILES, ends, strict=True)}
+        ends = interval(draws)
+        summary |= {f"{columns[name]}{end}": ends[which] for which, end in _ENDS.items()}
         if name in NEVER:
-            known = ~np.isnan(of_rows).any(axis=1)
-            summary[f"{columns[name]}_never"] = np.where(known, np.isinf(of_rows).mean(axis=1), np.nan)
+            never = np.isinf(draws).where(~np.isnan(draws)).mean(DRAWN, skipna=False)
+            summary[f"{columns[name]}_never"] = never.to_numpy()
     return summary
 
 
@@ -296,20 +233,18 @@ _POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m", DROP_HEI
 _TABLE = "table (rows from 0)"
 
 
-def read_conditions(
-    table: str | Path | pd.DataFrame, recorded: Recorded, gravity: float = 0.0
-) -> list[Condition]:
+def read_conditions(table: str | Path | pd.DataFrame, study: Study) -> list[Condition]:
     """What is given of each new impact, by column; an empty cell is not given, also where all of a row are.
 
     Args:
         table: a CSV file or a pandas table, whose columns are among those of the run's ``impacts.csv``.
             `DROP_HEIGHT` may stand in place of a velocity.
-        recorded: of the run.
-        gravity: along its motion [m/s^2], without which a height of fall gives no velocity.
+        study: of which. Without gravity along its motion a height of fall gives no velocity.
 
     Raises:
         InputError: everything that is wrong, with file, row, column, value and what was expected.
     """
+    recorded = study.recorded
     if isinstance(table, pd.DataFrame):
         label = _TABLE
         body = [[_text(value) for value in row] for row in table.itertuples(index=False, name=None)]
@@ -328,7 +263,7 @@ def read_conditions(
     for name in {*map(str, cells)} & {*recorded.named}:
         levels = recorded.levels(name)
         cells[name] = cells[name].map({text: alike(text, levels) for text in set(cells[name])})
-    if problems := [*_wrong(cells, rows, recorded, label), *_heights(cells, rows, recorded, gravity, label)]:
+    if problems := [*_wrong(cells, rows, recorded, label), *_heights(cells, rows, study, label)]:
         raise InputError(problems)
     return [
         {
@@ -388,13 +323,11 @@ def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str
                 yield Problem.stated("prediction-table.cell", *where, wanted=wanted, hint=hint)
 
 
-def _heights(
-    cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, gravity: float, label: str
-) -> Iterator[Problem]:
+def _heights(cells: pd.DataFrame, rows: np.ndarray, study: Study, label: str) -> Iterator[Problem]:
     """Heights of fall that give no velocity, or give a second one."""
     for texts, row in zip(cells.to_dict("records"), rows, strict=True):
         stated = [str(name) for name, text in texts.items() if text]
-        if wanted := unfit_height(recorded, stated, gravity):
+        if wanted := unfit_height(study.recorded, stated, study.law.gravity):
             where = (label, int(row), DROP_HEIGHT, texts[DROP_HEIGHT])
             yield Problem.stated("prediction-table.cell", *where, wanted=wanted, hint="")
 

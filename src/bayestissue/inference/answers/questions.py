@@ -17,7 +17,7 @@ the best one: what choosing it costs.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,6 @@ from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.critical import ALONG
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import (
     ALLOWED,
@@ -41,7 +40,7 @@ from bayestissue.inference.answers.grammar import (
     claims,
     parse,
 )
-from bayestissue.inference.answers.law import DROP_HEIGHT, Law, fall_height, moving
+from bayestissue.inference.answers.law import DROP_HEIGHT, fall_height, moving
 from bayestissue.inference.answers.meaning import (
     alternatives,
     as_recorded,
@@ -53,18 +52,19 @@ from bayestissue.inference.answers.meaning import (
     draws_of,
     is_response,
     mistakes,
-    motions_of,
     quantities,
+    require_motions,
     responses_of,
     searched,
     unit_of,
 )
 from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE, of_element_alone
 from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
-from bayestissue.inference.samplers.sampling import quantiles
+from bayestissue.inference.samplers.sampling import interval
 from bayestissue.results.tables import table_of_rows
 
 FEWEST = 10
@@ -95,7 +95,7 @@ def of_model(questions: dict[str, str], source: str) -> list[Question]:
     return [Question(text, f"{source}, questions.{name}", name) for name, text in questions.items()]
 
 
-def ask(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
+def ask(study: Study, questions: Sequence[Question]) -> pd.DataFrame:
     """The answer to each question: a row of ``questions.csv``.
 
     A claim has ``posterior`` and ``prior`` probability, ``bayes_factor`` and the Monte Carlo standard errors
@@ -107,16 +107,16 @@ def ask(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
     Raises:
         InputError: some can't be read, or ask for what this run does not have: all that is wrong at once.
     """
-    answers = all_of(lambda question: _answer(finished, question), questions)
+    answers = all_of(lambda question: _answer(study, question), questions)
     return table_of_rows("questions", [row for rows in answers for row in rows])
 
 
-def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
+def ask_what_can_be(study: Study, questions: Sequence[Question]) -> pd.DataFrame:
     """The same, but a question that can't be answered has its reason in ``note`` and no answer."""
     rows = []
     for question in questions:
         try:
-            rows += _answer(finished, question)
+            rows += _answer(study, question)
         except InputError as error:
             reasons = "; ".join(f"no answer: found {p.value}, expected {p.expected}" for p in error.problems)
             labels = {"question": question.text, "name": question.name, "level": "", "unit": ""}
@@ -136,13 +136,14 @@ def require_readable(
     all_of(lambda question: _read(question, recorded, posterior), questions)
 
 
-def require_motions(questions: Sequence[Question], recorded: Recorded, law: Law | None) -> None:
-    """Raise an `InputError` of the outcomes in readable questions that this law does not have."""
+def require_outcomes(questions: Sequence[Question], study: Study) -> None:
+    """Raise an `InputError` of the outcomes in readable questions that this study does not have."""
+    recorded = study.recorded
 
     def all_motions(question: Question) -> None:
         try:
             for quantity in outcomes_in(as_recorded(_parsed(question), recorded, None), recorded):
-                motions_of(quantity, recorded, law, conditions_of(quantity, recorded))
+                require_motions(quantity, study, conditions_of(quantity, recorded))
         except QuestionError as slip:
             raise InputError(_problem(slip, question)) from None
 
@@ -192,23 +193,23 @@ def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Pr
     )
 
 
-def _answer(finished: Finished, question: Question) -> list[dict[str, Any]]:
+def _answer(study: Study, question: Question) -> list[dict[str, Any]]:
     """The row of a question, or one for each level of a choice."""
-    node = _read(question, finished.recorded, finished.posterior)
+    node = _read(question, study.recorded, study.draws)
     labels = {"question": question.text, "name": question.name, "level": ""}
     try:
         if isinstance(node, Choice):
-            rows = _choice(finished, node)
+            rows = _choice(study, node)
         else:
-            posterior = draws_of(node, finished.posterior, finished.recorded, finished.law_of_levels)
-            prior, note = _prior(finished, node)
+            posterior = draws_of(node, study)
+            prior, note = _prior(study, node)
             rows = [
-                _claim(posterior, prior, note) if claims(node) else _number(finished, node, posterior, prior)
+                _claim(posterior, prior, note) if claims(node) else _number(study, node, posterior, prior)
             ]
     except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
-    alone = finished.element_alone and any(of_element_alone(q.name) for q in quantities(node))
-    known = [*_of_levels(finished, node), *[ELEMENT_ALONE] * alone]
+    alone = study.element_alone and any(of_element_alone(q.name) for q in quantities(node))
+    known = [*_of_levels(study, node), *[ELEMENT_ALONE] * alone]
     return [labels | row | {"note": "; ".join(filter(None, [row["note"], *known]))} for row in rows]
 
 
@@ -222,53 +223,52 @@ def _claim(posterior: xr.DataArray, prior: xr.DataArray | None, note: str) -> di
     return row | {"note": note}
 
 
-def _number(
-    finished: Finished, node: Node, posterior: xr.DataArray, prior: xr.DataArray | None
-) -> dict[str, Any]:
+def _number(study: Study, node: Node, posterior: xr.DataArray, prior: xr.DataArray | None) -> dict[str, Any]:
     note = _never(node, posterior) or _largely_prior(posterior, prior)
     if isinstance(node, Critical):
-        note = "; ".join(filter(None, [note, _beyond_fastest(finished, node, posterior)]))
-    unit = unit_of(node, finished.posterior)
+        note = "; ".join(filter(None, [note, _beyond_fastest(study, node, posterior)]))
+    unit = unit_of(node, study.draws)
     return _interval(posterior) | {"unit": unit, "draws": posterior.size, "note": note}
 
 
-def _choice(finished: Finished, node: Choice) -> list[dict[str, Any]]:
+def _choice(study: Study, node: Choice) -> list[dict[str, Any]]:
     """A row for each level: its value, the probability that it is the best, its rank, and what it loses."""
-    recorded, unit = finished.recorded, unit_of(node, finished.posterior)
-    levels, unlawful = _with_a_law(finished, alternatives(node, recorded, finished.posterior))
+    recorded, unit = study.recorded, unit_of(node, study.draws)
+    levels, unlawful = _with_a_law(study, alternatives(node, recorded, study.draws))
 
-    def values_in(draws: xr.Dataset) -> xr.DataArray:
-        values = [draws_of(one, draws, recorded, finished.law_of_levels) for one in levels.values()]
+    def values_in(which: Study) -> xr.DataArray:
+        values = [draws_of(one, which) for one in levels.values()]
         return xr.concat(values, pd.Index(levels, name="level")).transpose("level", "chain", "draw")
 
-    posterior = values_in(finished.posterior)
-    prior, note = _before(finished, node, values_in)
+    posterior = values_in(study)
+    prior, note = _before(study, node, values_in)
     left_out = Coded.stated("not-simulated.levels", column=node.column, levels=", ".join(unlawful))
     best, rank, loss = ranked(posterior, lowest=node.lowest)
     best_before = None if prior is None else ranked(prior, lowest=node.lowest)[0]
     rows = []
     for index, level in enumerate(levels):
         row = _claim(best[index], None if best_before is None else best_before[index], note)
-        low, middle, high = quantiles(rank[index].to_numpy().reshape(1, -1), [0.05, 0.5, 0.95])[:, 0]
+        ranks = interval(rank[index])
         row["note"] = "; ".join(filter(None, [row["note"], left_out if unlawful else ""]))
-        row |= {"level": level, "unit": unit, "rank": middle, "rank_low": low, "rank_high": high}
+        row |= {"level": level, "unit": unit, "rank": ranks["median"]}
+        row |= {"rank_low": ranks["low"], "rank_high": ranks["high"]}
         row |= _interval(posterior[index]) | {"mcse": row["mcse"], "expected_loss": float(loss[index].mean())}
         rows.append(row)
     return rows
 
 
-def _with_a_law(finished: Finished, levels: dict[str, Node]) -> tuple[dict[str, Node], list[str]]:
+def _with_a_law(study: Study, levels: dict[str, Node]) -> tuple[dict[str, Node], list[str]]:
     """What a choice compares, less the levels whose outcomes follow no law, and these.
 
     All, where two are not left.
     """
-    recorded, law = finished.recorded, finished.law_of_levels
+    recorded = study.recorded
     unlawful = [
         label
         for label, node in levels.items()
-        if law is not None
+        if study.law.anywhere
         for quantity in outcomes_in(node, recorded)[:1]
-        if not all(law.holds(recorded, condition) for condition in conditions_of(quantity, recorded))
+        if not all(map(study.holds, conditions_of(quantity, recorded)))
     ]
     if len(levels) - len(unlawful) < 2:
         return levels, []
@@ -287,46 +287,45 @@ def ranked(values: xr.DataArray, *, lowest: bool) -> tuple[xr.DataArray, xr.Data
     return best / best.sum("level"), rank, loss
 
 
-def _of_levels(finished: Finished, node: Node) -> list[Coded]:
+def _of_levels(study: Study, node: Node) -> list[Coded]:
     """What is to be known of the levels that a question names: averages, and what is beyond the measured."""
-    recorded, law, notes = finished.recorded, finished.law_of_levels, []
+    recorded, notes = study.recorded, []
     if isinstance(node, Choice):
         node = at_level(node, node.column, None, node.position)
     responses = [response for response in quantities(node) if is_response(response, recorded)]
     for response in responses:
-        notes += beyond_notes(recorded, moving(condition_of(response, recorded), finished.gravity))
+        notes += beyond_notes(recorded, moving(condition_of(response, recorded), study.law.gravity))
     for response in responses:
         columns = [level.column for level in response.levels]
         notes += average_notes(recorded, responses_of(response.name, recorded), columns)
-        if response.name in OUTCOMES and law is not None and response not in searched(node):
-            at_law = [one for one in conditions_of(response, recorded) if law.holds(recorded, one)]
-            conditions = [moving(one, law.gravity) for one in at_law]
-            notes += law.deeper_notes(finished.posterior, recorded, conditions)
+        if response.name in OUTCOMES and response not in searched(node):
+            notes += study.deeper_at(list(filter(study.holds, conditions_of(response, recorded))))
     return list(dict.fromkeys(notes))
 
 
-def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
+def _prior(study: Study, node: Node) -> tuple[xr.DataArray | None, str]:
     """Draws from the prior alone, or why there are none."""
 
-    def draws_in(prior: xr.Dataset) -> xr.DataArray:
+    def draws_in(before: Study) -> xr.DataArray:
         if isinstance(node, Critical):
-            most = max(SETTINGS.tried_before // prior.sizes["chain"], 1)
-            prior = prior.isel(draw=slice(None, None, -(-prior.sizes["draw"] // most)))
-        return draws_of(node, prior, finished.recorded, finished.law_of_levels)
+            most = max(SETTINGS.tried_before // before.draws.sizes["chain"], 1)
+            step = -(-before.draws.sizes["draw"] // most)
+            before = replace(before, draws=before.draws.isel(draw=slice(None, None, step)))
+        return draws_of(node, before)
 
-    return _before(finished, node, draws_in)
+    return _before(study, node, draws_in)
 
 
 def _before(
-    finished: Finished, node: Node, draws_in: Callable[[xr.Dataset], xr.DataArray]
+    study: Study, node: Node, draws_in: Callable[[Study], xr.DataArray]
 ) -> tuple[xr.DataArray | None, str]:
-    if finished.prior is None:
+    if study.prior is None:
         return None, Coded.stated("no-prior.run")
     try:
-        return draws_in(finished.prior), ""
+        return draws_in(replace(study, draws=study.prior)), ""
     except KeyError:
-        known = {str(name) for name in finished.prior.data_vars}
-        lacking = [q.name for q in quantities(node) if q.name not in (*known, *finished.recorded.formulas)]
+        known = {str(name) for name in study.prior.data_vars}
+        lacking = [q.name for q in quantities(node) if q.name not in (*known, *study.recorded.formulas)]
         which = ", ".join(dict.fromkeys(lacking)) or "it"
         return None, Coded.stated("no-prior.draws", which=which)
     except QuestionError as slip:
@@ -340,9 +339,9 @@ def _never(node: Node, posterior: xr.DataArray) -> str:
     return f"never{tried} in {100 * share:.3g} % of the draws" if share else ""
 
 
-def _beyond_fastest(finished: Finished, node: Critical, posterior: xr.DataArray) -> str:
+def _beyond_fastest(study: Study, node: Critical, posterior: xr.DataArray) -> str:
     """That a claim holds beyond the velocities that were measured, where its element's law is drawn out."""
-    fastest = float(finished.recorded.rows.get("velocity_m_s", pd.Series(dtype=float)).max())
+    fastest = float(study.recorded.rows.get("velocity_m_s", pd.Series(dtype=float)).max())
     measured = fall_height(fastest) if node.column == DROP_HEIGHT else fastest
     share = float((posterior > measured).mean())
     limit = f"{general(float(measured))} {ALONG[node.column]}"
@@ -389,8 +388,7 @@ def _short(value: float) -> str:
 
 def _interval(values: xr.DataArray) -> dict[str, float]:
     draws = values.transpose("chain", "draw").to_numpy()
-    low, median, high = quantiles(draws.reshape(1, -1), [0.05, 0.5, 0.95])[:, 0]
-    return {"median": median, "low": low, "high": high, "mcse": _error_of_median(draws)}
+    return {name: float(end) for name, end in interval(values).items()} | {"mcse": _error_of_median(draws)}
 
 
 def _error_of_median(draws: np.ndarray) -> float:

@@ -12,7 +12,7 @@ from scipy.stats import f
 from bayestissue.declarations import general
 from bayestissue.elements.element import Element
 from bayestissue.errors import Coded
-from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
+from bayestissue.hierarchy.effects import RESPONSES, parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.group_terms import GroupTerm, grouping_of, labels_of
 from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded
@@ -131,17 +131,15 @@ def _deviations(
     draws = draws.isel(draw=slice(None, None, step))
     logs = np.log(theta.transpose("chain", ..., "impact").to_numpy()[:, ::step][..., rows])
     parameter = parameter_of(name)
-    expected = draws[intercept(parameter)].to_numpy()[..., None]
-    if name in recorded.formulas:
-        table = recorded.rows.iloc[rows]
-        labels: dict[str, np.ndarray] = {
-            column: labels_of(table[column]) if column in recorded.named else table[column].to_numpy(float)
-            for column in recorded.response(name).terms.columns
-        }
-        conditions: list[Condition] = [
-            {column: values[row] for column, values in labels.items()} for row in range(len(rows))
-        ]
-        expected = log_at_levels(draws, recorded, name, conditions)
+    table = recorded.rows.iloc[rows]
+    labels: dict[str, np.ndarray] = {
+        column: labels_of(table[column]) if column in recorded.named else table[column].to_numpy(float)
+        for column in recorded.response(name).terms.columns
+    }
+    conditions: list[Condition] = [
+        {column: values[row] for column, values in labels.items()} for row in range(len(rows))
+    ]
+    expected = log_at_levels(draws, recorded, name, conditions)
     z = (logs - expected) / draws[sd_impact(parameter)].to_numpy()[..., None]
     return logs.reshape(-1, len(rows)).T, z.reshape(-1, len(rows)).T
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal
 
 import jax
 import numpy as np
+import xarray as xr
 from jaxtyping import Float
 
 
@@ -36,3 +38,16 @@ def quantiles(
     if never.any():
         between[:, never] = np.quantile(draws[never], probabilities, axis=1, method="inverted_cdf")
     return between
+
+
+def interval(values: xr.DataArray) -> dict[str, np.ndarray]:
+    """Median and ends of the 90 % equal-tailed interval over all draws, as `quantiles` has them.
+
+    Returns:
+        ``low``, ``median`` and ``high``, each by what dimensions the values have besides.
+    """
+    drawn = [name for name in values.dims if name in ("chain", "draw", "kept_draw")]
+    rest = [values.sizes[name] for name in values.dims if name not in drawn]
+    flat = values.transpose(..., *drawn).to_numpy().reshape(math.prod(rest), -1)
+    ends = quantiles(np.ascontiguousarray(flat), [0.05, 0.5, 0.95])
+    return {name: end.reshape(rest) for name, end in zip(("low", "median", "high"), ends, strict=True)}

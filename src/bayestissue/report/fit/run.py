@@ -18,7 +18,7 @@ from bayestissue.errors import InputError, all_of
 from bayestissue.figures.impacts import end
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.answers.finished import GROUPS, Finished
+from bayestissue.inference.answers.study import GROUPS, Study
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, element_alone, symbols
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
@@ -169,9 +169,9 @@ class FitRun(PosteriorRun):
         return self.about | {"dataset": name}
 
     @cached_property
-    def finished(self) -> Finished:
+    def study(self) -> Study:
         """The fit as questions and predictions need it."""
-        return Finished.from_tree(self.posterior, self.about["model"])
+        return Study.from_tree(self.posterior, self.about["model"])
 
     def of_impacts(self, variable: str) -> pd.DataFrame:
         """The rows of ``summary`` for an impact's ``variable``, by impact; empty if the model has none."""
