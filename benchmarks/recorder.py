@@ -27,7 +27,7 @@ from bayestissue import runtime
 from bayestissue.dataset import Dataset, Trace
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.signal import displacements
-from bayestissue.signal.quality.low_pass import suspected
+from bayestissue.signal.quality.law import suspected
 from bayestissue.simulation import Simulation, simulate
 
 IMPACTS = 96

@@ -29,7 +29,7 @@ from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.filters import white_share
 from bayestissue.signal.force import Force, force_beside
 from bayestissue.signal.quality import Findings, inspect, raised
-from bayestissue.signal.quality.low_pass import suspected
+from bayestissue.signal.quality.law import suspected
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset

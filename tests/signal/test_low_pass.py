@@ -12,7 +12,7 @@ from bayestissue.dataset import Dataset, LowPassFilter
 from bayestissue.signal import SignalOptions, displacements
 from bayestissue.signal.contact import find_onset
 from bayestissue.signal.filters import ahead_s
-from bayestissue.signal.quality.low_pass import suspected
+from bayestissue.signal.quality.law import suspected
 from bayestissue.signal.traces import stack
 from bayestissue.simulation import Simulation, simulate
 

@@ -29,7 +29,10 @@ _ENTRIES = {
     **{"given": "mass_kg=2.1", "recorder": "sae_class=180", "text": "decimal=comma"},
     **{"uncertainty": "velocity=0.01", "force": "place=base", "words": "subject=pad"},
 }
-_NAMES = {"given": "--set"}
+
+
+def _flag(name: str) -> str:
+    return "--set" if name == "given" else f"--{name.replace('_', '-')}"
 
 
 def with_options() -> Callable[..., None]:
@@ -96,7 +99,7 @@ def _option(name: str, argument: Parameter, meaning: str) -> tuple[Parameter, st
     """The option of an argument: of a table its entries, of a number or word either, else what it is."""
     from bayestissue.settings import kinds
 
-    flag, types = _NAMES.get(name, f"--{name.replace('_', '-')}"), kinds(argument.annotation)
+    flag, types = _flag(name), kinds(argument.annotation)
     kind, option, meaning = types[0], typer.Option(flag), meaning[:1].upper() + meaning[1:]
     if name in _ENTRIES:
         kind, option = list[str], typer.Option(flag, metavar="KEY=VALUE")
@@ -115,56 +118,34 @@ def _option(name: str, argument: Parameter, meaning: str) -> tuple[Parameter, st
 
 def _read(name: str, value: Any) -> Any:
     """What an option states; None where it was not given."""
-    if name == "given":
-        return _facts(value or [])
     if name == "force" and value == ["none"]:
         return "none"
-    if name in _ENTRIES:
-        entries = _entries(value or [], f"--{name}", _ENTRIES[name])
-        names = _CHAIN if name == "uncertainty" else {}
-        return {names.get(key, key): entry for key, entry in entries.items()}
-    return None if value is False else value
+    if name not in _ENTRIES:
+        return None if value is False else value
+    entries = _entries(value or [], _flag(name), _ENTRIES[name])
+    if name == "given":
+        return entries
+    names = _CHAIN if name == "uncertainty" else {}
+    return {names.get(key, key): _value(text) for key, text in entries.items()}
 
 
-def _facts(
-    facts: list[str], option: str = "--set", form: str = "NAME=VALUE", example: str = "mass_kg=2.1"
-) -> dict[str, str]:
-    """The options ``--set NAME=VALUE`` as a dictionary.
-
-    Args:
-        facts: the texts behind the option.
-        option: which one it is.
-        form: of such a text, in words.
-        example: of one.
+def _entries(texts: list[str], option: str, example: str) -> dict[str, str]:
+    """What stands behind an option such as ``--set NAME=VALUE``, whose ``example`` is of one, as a table.
 
     Raises:
         InputError: one has no name or no value, or a name stands there twice.
     """
-    facts_by_name: dict[str, str] = {}
+    form = "NAME=VALUE" if option == "--set" else "KEY=VALUE"
+    entries: dict[str, str] = {}
     problems = []
-    for text in facts:
+    for text in texts:
         name, equals, value = (part.strip() for part in text.partition("="))
-        if not (name and equals and value) or name in facts_by_name:
+        if not (name and equals and value) or name in entries:
             words: dict[str, Any] = {"form": form, "option": option, "example": example}
             problems.append(Problem.stated("option-value.fact", option, value=text, **words))
-        facts_by_name[name] = value
+        entries[name] = value
     refuse(problems)
-    return facts_by_name
-
-
-def _entries(texts: list[str], option: str, example: str) -> dict[str, Any]:
-    """Options such as ``--recorder KEY=VALUE`` as a table of TOML: numbers, true or false, words.
-
-    Args:
-        texts: behind the option.
-        option: which one it is.
-        example: of such a text.
-
-    Raises:
-        InputError: one has no key or no value, or a key stands there twice.
-    """
-    texts_by_key = _facts(texts, option, "KEY=VALUE", example)
-    return {key: _value(text) for key, text in texts_by_key.items()}
+    return entries
 
 
 def _number_or_word(text: str) -> str | float:
@@ -175,6 +156,7 @@ def _number_or_word(text: str) -> str | float:
 
 
 def _value(text: str) -> Any:
+    """A number, true or false, or words, as TOML has them."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

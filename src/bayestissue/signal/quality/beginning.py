@@ -28,7 +28,7 @@ from scipy.special import fdtrc
 from bayestissue.dataset.settings import Uncertainty
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
-from bayestissue.signal.quality.samples import Recorded
+from bayestissue.signal.quality.samples import Recorded, chance
 from bayestissue.signal.settings import BEGINNING
 from bayestissue.signal.traces import Column, Index, Mask, Rows
 
@@ -120,7 +120,7 @@ def beginning(recorded: Recorded, signal: Displacements, chosen: Mask, uncertain
     for square in (late, shifted):
         gain = np.maximum(contact - square, 0) / np.maximum(square / count, 1)
         # Between the moments and offsets tried a trace of little noise is explained roughly.
-        explains = fdtrc(count, freedom, square / count) > BEGINNING.leaves
+        explains = chance(square, count, freedom) > BEGINNING.leaves
         explains |= square < contact / BEGINNING.better
         unexplained |= explains & (fdtrc(1, np.minimum(count, freedom), gain) < BEGINNING.gains)
     missed[rows] = unexplained

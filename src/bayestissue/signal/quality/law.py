@@ -1,25 +1,52 @@
 """Whether any tissue pushes back like this: force laws fitted to the motion that the recording gives.
 
 What a spring and damper does not give may be gravity along the motion that was not declared, or was and is
-not there.
+not there; or a low-pass that was not declared, of which a rise at contact speaks that is slower than the
+sampling. Its force jumps at contact. Behind a filter with the answer s(t) to a step, and r(t) to a ramp, what
+is recorded is
+
+    y = a (V s(t - c) - int y) + b (V r(t - c) - int int y),  a = C / M, b = K / M,
+
+since filtering and integrating commute: linear in a and b once the moment of contact c and the corner are
+given. Gravity g along the motion adds a g r + b g int r. A grid of both is tried, of a filter of the second
+order. Elements whose force rises from 0, as Maxwell's and a ball's do, rise slowly too: what is found is a
+filter only where it leaves noise alone, and no law of depth and velocity comes near that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
-from bayestissue.dataset.settings import STANDARD_GRAVITY
-from bayestissue.signal.displacement import Displacements
+from bayestissue.dataset.settings import STANDARD_GRAVITY, LowPassFilter
+from bayestissue.signal.displacement import BEFORE, Displacements
+from bayestissue.signal.filters import answers
 from bayestissue.signal.integration import trapezoids
-from bayestissue.signal.quality.samples import Recorded
-from bayestissue.signal.settings import LAW
+from bayestissue.signal.quality.samples import Recorded, chance
+from bayestissue.signal.settings import LAW, PULSE, SAMPLES
+from bayestissue.signal.start import deceleration
 from bayestissue.signal.traces import Column, Mask, Rows
 
 type Law = Float[np.ndarray, "impact sample term"]
+
+
+@dataclass(frozen=True)
+class Suspected:
+    """What each recording says of a low-pass.
+
+    Attributes:
+        corner_hz: of the second-order Butterworth filter that explains it, Hz; NaN where there is no need of
+            one.
+        change_K, change_C: K and C without the filter over those with it, less 1.
+    """
+
+    corner_hz: Column
+    change_K: Column
+    change_C: Column
 
 
 def motion(signal: Displacements) -> tuple[Rows, Rows]:
@@ -55,10 +82,9 @@ def any_law(x: Rows, v: Rows, used: Mask) -> Law:
     return np.concatenate([first, second[..., 2:], third[..., :2], product], axis=-1)
 
 
-def residuals(law: Law, d: Rows, used: Mask) -> Float[np.ndarray, "impact sample"]:
+def residuals(law: Law, d: Rows, used: Mask) -> Rows:
     """What least squares leave of d; 0 outside ``used``."""
-    coefficients = _coefficients(law, d, used, ridge=1e-10)
-    return np.where(used, d - np.einsum("isk,ik->is", law, coefficients), 0.0)
+    return _left(law, d, _coefficients(law, d, used, ridge=1e-10), used)
 
 
 def no_law(signal: Displacements, used: Mask, recorded: Recorded) -> Mask:
@@ -68,7 +94,7 @@ def no_law(signal: Displacements, used: Mask, recorded: Recorded) -> Mask:
     count = np.maximum(samples - law.shape[-1], 1)
     residual = residuals(law, d, used)
     variance = recorded.sd**2 + (LAW.misfit * recorded.peak) ** 2
-    wide = fdtrc(count, freedom, (residual**2).sum(axis=1) / count / variance) < LAW.alarms / 2
+    wide = chance((residual**2).sum(axis=1) / variance, count, freedom) < LAW.alarms / 2
     # A step's own share, at the sample where it is greatest; less is left of a step than itself.
     sums, index = np.cumsum(residual[:, ::-1], axis=1)[:, ::-1], np.arange(d.shape[1])
     after = np.maximum(samples[:, None] - index, 1)
@@ -114,7 +140,7 @@ def another_gravity(signal: Displacements, used: Mask, recorded: Recorded) -> Ma
     variance = recorded.sd**2 + (LAW.misfit * peak) ** 2
     declared, changed = (_sum_of_squares(signal, used, variance, by) for by in (0 * change, change))
     count = np.maximum(used.sum(axis=1) - 2, 1)
-    well = fdtrc(count, recorded.freedom, changed / count) > LAW.noise_alone
+    well = chance(changed, count, recorded.freedom) > LAW.noise_alone
     return (used.sum(axis=1) >= LAW.fewest) & well & (declared - changed > LAW.gain)
 
 
@@ -130,8 +156,84 @@ def _sum_of_squares(signal: Displacements, used: Mask, variance: Column, change:
     target = signal.deceleration / np.sqrt(variance)[:, None]
     terms = terms / np.sqrt(variance)[:, None, None]
     weights = _coefficients(terms, target, used, np.array([0.0, 0.0, 1.0, 1.0]))
-    residual = np.where(used, target - np.einsum("isk,ik->is", terms, weights), 0.0)
-    return (residual**2).sum(axis=1) + (weights[:, 2:] ** 2).sum(axis=1)
+    return (_left(terms, target, weights, used) ** 2).sum(axis=1) + (weights[:, 2:] ** 2).sum(axis=1)
+
+
+def suspected(signal: Displacements) -> Suspected:
+    """Ask every recording for a low-pass of 20 Hz to a quarter of the sampling rate.
+
+    Args:
+        signal: decelerations from contact to zero velocity.
+    """
+    used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    peak = np.where(used, signal.deceleration, 0).max(axis=1)
+    with np.errstate(all="ignore"):
+        plain = least_sum_of_squares(signal, used)
+    variance = signal.noise_sd**2 + (LAW.misfit * peak) ** 2
+    freedom = np.maximum(PULSE.worth * signal.n_samples, 1)
+    count = np.maximum(signal.n_samples - 4, 1)
+    odd = chance(plain / variance, count, freedom) < SAMPLES.alarms
+    columns = np.full((len(peak), 3), np.nan)
+    # A filter is tried on even times.
+    tried = odd & (signal.n_samples >= 12) & (signal.n_before >= 4) & ~signal.uneven
+    tried &= ~signal.clipped.any(axis=1)
+    for row in np.flatnonzero(tried):
+        columns[row] = _explanation(signal, int(row), plain[row], variance[row], freedom[row])
+    return Suspected(*columns.T)
+
+
+def _explanation(
+    signal: Displacements, row: int, plain: float, variance: float, freedom: float
+) -> tuple[float, float, float]:
+    """Corner and changes of K and C of one impact; NaN where no filter explains it better than a law."""
+    dt, velocity, n = signal.dt[row], signal.velocity[row], signal.n_samples[row]
+    gravity = signal.gravity[row]
+    early = min(int(signal.n_before[row]), BEFORE)
+    y = np.concatenate([signal.before[row, BEFORE - early :], signal.deceleration[row, :n]])
+    time = (np.arange(len(y)) - early) * dt
+    lost = trapezoids(y, dt)
+    twice = trapezoids(lost, dt)
+    lowest = max(20.0, 1 / (signal.dt[row] * n))
+    best: tuple[float, float, np.ndarray] = (np.inf, np.nan, np.zeros(2))
+    for corner in np.geomspace(lowest, max(0.25 / dt, 1.01 * lowest), LAW.corners):
+        moments = np.linspace(-2.5 / (2 * np.pi * corner) - 3 * dt, dt, LAW.moments)
+        moments = moments[moments > time[0]]
+        step, ramp = answers(LowPassFilter(low_pass_hz=corner), time - moments[:, None])
+        gained = velocity * step + gravity * ramp, velocity * ramp + gravity * trapezoids(ramp, dt)
+        terms = np.stack([gained[0] - lost, gained[1] - twice], axis=-1)
+        every = np.ones_like(ramp, bool)
+        coefficients = _coefficients(terms, y + 0 * ramp, every)
+        squares = (_left(terms, y + 0 * ramp, coefficients, every) ** 2).sum(axis=1)
+        tried = int(np.argmin(squares))
+        if squares[tried] < best[0]:
+            best = (float(squares[tried]), float(corner), coefficients[tried])
+    square, corner, (a, b) = best
+    # The law was fitted from the first sample in contact on.
+    number = len(y) - 4
+    well = chance(square / variance, number, freedom) > LAW.noise_alone
+    better = plain - square + early * variance > LAW.gain * variance
+    inside = lowest * 1.01 < corner < 0.24 / dt
+    if not (well and better and inside and a > 0 and b > 0):
+        return np.nan, np.nan, np.nan
+    a_plain, b_plain = _without_filter(signal, row, float(a), float(b))
+    return corner, b_plain / float(b) - 1, a_plain / float(a) - 1
+
+
+def _without_filter(signal: Displacements, row: int, a: float, b: float) -> tuple[float, float]:
+    """The a and b nearest to the samples of an impact behind no filter, as a fit has them."""
+    from scipy.optimize import least_squares
+
+    n, velocity, gravity = signal.n_samples[row], signal.velocity[row], signal.gravity[row]
+    time, y = np.arange(n) * signal.dt[row], signal.deceleration[row, :n]
+    reach = np.sqrt(3) * signal.bracket_sd[row] + 1e-12
+
+    def residuals(logs: np.ndarray) -> np.ndarray:
+        return deceleration(logs, time, velocity, gravity) - y
+
+    start, reaches = np.array([np.log(a), np.log(b), signal.bracket_s[row]]), [np.inf, np.inf, reach]
+    bounds = start - reaches, start + reaches
+    solution = least_squares(residuals, start, bounds=bounds, x_scale=[1, 1, reach])
+    return float(np.exp(solution.x[0])), float(np.exp(solution.x[1]))
 
 
 def _coefficients(
@@ -144,3 +246,7 @@ def _coefficients(
     gram = gram / scale[:, :, None] / scale[:, None, :] + ridge * np.eye(terms.shape[-1])
     moment = np.einsum("isk,is->ik", terms, np.where(used, target, 0.0)) / scale
     return np.linalg.solve(gram, moment[..., None])[..., 0] / scale
+
+
+def _left(terms: Law, target: Rows, coefficients: np.ndarray, used: Mask) -> Rows:
+    return np.where(used, target - np.einsum("isk,ik->is", terms, coefficients), 0.0)

@@ -112,6 +112,17 @@ def _step(value: Rows, inside: Mask) -> Column:
         return np.where(gaps > 1e-9 * span[:, None], gaps, np.inf).min(axis=1, initial=np.inf)
 
 
+def chance(squares: Column, count: Index | int, freedom: Column | float) -> Column:
+    """The probability that noise alone leaves as much: an F test.
+
+    Args:
+        squares: the sum of what is left, squared, in the noise's variance.
+        count: degrees of freedom that it has.
+        freedom: those by which the variance is known.
+    """
+    return fdtrc(count, freedom, squares / count)
+
+
 def spikes(recorded: Recorded) -> Index:
     """The first sample of the highest spike of one to three samples; -1 where there is none.
 

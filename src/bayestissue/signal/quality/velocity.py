@@ -29,13 +29,13 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
-from scipy.special import fdtrc, logsumexp
+from scipy.special import logsumexp
 from scipy.stats import chi2, median_abs_deviation
 
 from bayestissue.dataset.settings import STANDARD_GRAVITY, Uncertainty
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
-from bayestissue.signal.quality.samples import Recorded
+from bayestissue.signal.quality.samples import Recorded, chance
 from bayestissue.signal.settings import LAW, PULSE, VELOCITY
 from bayestissue.signal.start import LeastSquares
 from bayestissue.signal.traces import Column, ImpactTraces, Mask
@@ -104,7 +104,7 @@ def implied(signal: Displacements, recorded: Recorded, uncertainty: Uncertainty)
     freedom = np.maximum(n - VELOCITY.parameters, 1)
     least = np.maximum([-_peak(-row)[1] for row in squares], 0)
     floor = noise_sd**2 + (LAW.misfit * recorded.peak) ** 2
-    explained = fdtrc(freedom, np.maximum(PULSE.worth * n, 1), least / freedom / floor) > VELOCITY.unexplained
+    explained = chance(least / floor, freedom, np.maximum(PULSE.worth * n, 1)) > VELOCITY.unexplained
     explained &= (n >= VELOCITY.fewest) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
     # What a sensor cut off is no part of the integrals.
     whole = ~(signal.clipped != 0).any(axis=1)
