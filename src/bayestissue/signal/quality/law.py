@@ -82,17 +82,12 @@ def any_law(x: Rows, v: Rows, used: Mask) -> Law:
     return np.concatenate([first, second[..., 2:], third[..., :2], product], axis=-1)
 
 
-def residuals(law: Law, d: Rows, used: Mask) -> Rows:
-    """What least squares leave of d; 0 outside ``used``."""
-    return _left(law, d, _coefficients(law, d, used, ridge=1e-10), used)
-
-
 def no_law(signal: Displacements, used: Mask, recorded: Recorded) -> Mask:
     """Where what the widest law leaves over is more than noise and the laws' own misfit."""
     d, freedom, law = signal.deceleration, recorded.freedom, any_law(*motion(signal), used)
     samples = used.sum(axis=1)
     count = np.maximum(samples - law.shape[-1], 1)
-    residual = residuals(law, d, used)
+    _, residual = _fitted(law, d, used, ridge=1e-10)
     variance = recorded.sd**2 + (LAW.misfit * recorded.peak) ** 2
     wide = chance((residual**2).sum(axis=1) / variance, count, freedom) < LAW.alarms / 2
     # A step's own share, at the sample where it is greatest; less is left of a step than itself.
@@ -107,7 +102,7 @@ def no_law(signal: Displacements, used: Mask, recorded: Recorded) -> Mask:
 def least_sum_of_squares(signal: Displacements, used: Mask) -> Column:
     """The least sum of squares that any of the laws leaves of each impact."""
     d, every = signal.deceleration, laws(*motion(signal), used)
-    squares = [(residuals(law, d, used) ** 2).sum(axis=1) for law in every]
+    squares = [(_fitted(law, d, used, ridge=1e-10)[1] ** 2).sum(axis=1) for law in every]
     return np.min(squares, axis=0)
 
 
@@ -149,14 +144,14 @@ def _sum_of_squares(signal: Displacements, used: Mask, variance: Column, change:
     time = signal.since_contact_s[:, : used.shape[1]]
     v = signal.v + change[:, None] * time
     x = signal.x + change[:, None] * time**2 / 2
-    a, b = np.maximum(_coefficients(np.stack([v, x], axis=-1), signal.deceleration, used), 0).T
+    a, b = np.maximum(_fitted(np.stack([v, x], axis=-1), signal.deceleration, used)[0], 0).T
     errors = (a[:, None] + b[:, None] * time) * LAW.velocity * signal.velocity[:, None]
     late = (b * signal.velocity * signal.dt / np.sqrt(12))[:, None] + np.zeros_like(time)
     terms = np.stack([v, x, errors, late], axis=-1)
     target = signal.deceleration / np.sqrt(variance)[:, None]
     terms = terms / np.sqrt(variance)[:, None, None]
-    weights = _coefficients(terms, target, used, np.array([0.0, 0.0, 1.0, 1.0]))
-    return (_left(terms, target, weights, used) ** 2).sum(axis=1) + (weights[:, 2:] ** 2).sum(axis=1)
+    weights, residual = _fitted(terms, target, used, np.array([0.0, 0.0, 1.0, 1.0]))
+    return (residual**2).sum(axis=1) + (weights[:, 2:] ** 2).sum(axis=1)
 
 
 def suspected(signal: Displacements) -> Suspected:
@@ -201,9 +196,8 @@ def _explanation(
         step, ramp = answers(LowPassFilter(low_pass_hz=corner), time - moments[:, None])
         gained = velocity * step + gravity * ramp, velocity * ramp + gravity * trapezoids(ramp, dt)
         terms = np.stack([gained[0] - lost, gained[1] - twice], axis=-1)
-        every = np.ones_like(ramp, bool)
-        coefficients = _coefficients(terms, y + 0 * ramp, every)
-        squares = (_left(terms, y + 0 * ramp, coefficients, every) ** 2).sum(axis=1)
+        coefficients, residual = _fitted(terms, y + 0 * ramp, np.ones_like(ramp, bool))
+        squares = (residual**2).sum(axis=1)
         tried = int(np.argmin(squares))
         if squares[tried] < best[0]:
             best = (float(squares[tried]), float(corner), coefficients[tried])
@@ -236,17 +230,18 @@ def _without_filter(signal: Displacements, row: int, a: float, b: float) -> tupl
     return float(np.exp(solution.x[0])), float(np.exp(solution.x[1]))
 
 
-def _coefficients(
+def _fitted(
     terms: Law, target: Rows, used: Mask, precision: np.ndarray | float = 0.0, ridge: float = 1e-12
-) -> Float[np.ndarray, "impact term"]:
-    """Least squares over the ``used`` samples, with a normal prior of each coefficient about 0."""
+) -> tuple[Float[np.ndarray, "impact term"], Rows]:
+    """Least squares over the ``used`` samples, with a normal prior of each coefficient about 0.
+
+    Returns:
+        The coefficients, and what they leave of the target; 0 outside ``used``.
+    """
     terms = np.where(used[..., None], terms, 0.0)
     gram = np.einsum("isk,isl->ikl", terms, terms) + np.diag(np.broadcast_to(precision, terms.shape[-1]))
     scale = np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
     gram = gram / scale[:, :, None] / scale[:, None, :] + ridge * np.eye(terms.shape[-1])
     moment = np.einsum("isk,is->ik", terms, np.where(used, target, 0.0)) / scale
-    return np.linalg.solve(gram, moment[..., None])[..., 0] / scale
-
-
-def _left(terms: Law, target: Rows, coefficients: np.ndarray, used: Mask) -> Rows:
-    return np.where(used, target - np.einsum("isk,ik->is", terms, coefficients), 0.0)
+    coefficients = np.linalg.solve(gram, moment[..., None])[..., 0] / scale
+    return coefficients, np.where(used, target - np.einsum("isk,ik->is", terms, coefficients), 0.0)
