@@ -14,6 +14,7 @@ from bayestissue.figures.study import histogram
 from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import NAMES, SECANTS, TOGETHER, UNITS
+from bayestissue.report.page import worded
 from bayestissue.report.run_folder import PosteriorRun
 from bayestissue.report.settings import LIMITS
 from bayestissue.report.wording import (
@@ -73,18 +74,7 @@ def hypothesis_probability(run: PosteriorRun, quantity: str, hypothesis: str) ->
 
 def exponent_words(quantity: str, beta: Spread) -> str:
     """Where the interval of a mass exponent lies among 0 (fixed) and 1 (constant natural frequency)."""
-    stiffness = quantity.startswith("K")
-    fixed = "0 (fixed stiffness)" if stiffness else "0 (fixed damping)"
-    constant = "1 (constant natural frequency)" if stiffness else "1 (in proportion to mass)"
-    holds_fixed, holds_constant = beta.holds(0), beta.holds(1)
-    if holds_fixed and holds_constant:
-        return f"includes both {fixed} and {constant}"
-    if holds_fixed:
-        return f"includes {fixed} and excludes {constant}"
-    if holds_constant:
-        return f"excludes {fixed} and includes {constant}"
-    where = "below both" if beta.high < 0 else "above both" if beta.low > 1 else "between"
-    return f"excludes {fixed} and {constant}: it lies {where}"
+    return worded("fit", "exponent", quantity.startswith("K"), beta)
 
 
 def mass_curve(run: PosteriorRun, quantity: str, masses: np.ndarray, reference: float) -> pd.DataFrame:
@@ -220,16 +210,9 @@ def _best(scheme: str, rows: pd.DataFrame) -> str:
     ordered = rows.sort_values("elpd", ascending=False)
     others = ordered.iloc[1:]
     close = others[~decides(others["elpd_difference"], others["se_difference"])]
-    rivals = (
-        f"within two standard errors or four nats of it: {listed(close['model'].to_list())}"
-        if len(close)
-        else "no other comes within two standard errors or four nats of it"
-    )
     warnings = ordered.loc[ordered["warning"] != "", "warning"].value_counts()
-    warned = listed([f"{warning} ({count} of {len(ordered)} models)" for warning, count in warnings.items()])
-    doubt = f" Warned: {warned}." if warned else ""
-    first = f"{scheme[:1].upper()}{scheme[1:]}"
-    return f"{first}: “{ordered['model'].iloc[0]}” predicts best; {rivals}.{doubt}"
+    warned = [f"{warning} ({count} of {len(ordered)} models)" for warning, count in warnings.items()]
+    return worded("fit", "best_explanation", scheme, ordered["model"].iloc[0], list(close["model"]), warned)
 
 
 def prior_remark(sensitivity: pd.DataFrame) -> str:

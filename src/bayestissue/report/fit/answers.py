@@ -10,6 +10,7 @@ from bayestissue.report.fit.estimates import apparent_exponent, dds_ratio, held_
 from bayestissue.report.fit.population import differing_words
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import SENTENCES, said
+from bayestissue.report.page import worded
 from bayestissue.report.posterior import (
     COMMON_DEPTH,
     CONSTANT,
@@ -22,7 +23,7 @@ from bayestissue.report.posterior import (
     spread,
 )
 from bayestissue.report.settings import LIMITS, WORTH
-from bayestissue.report.wording import Spread, likelihood_words, listed, relative, significant
+from bayestissue.report.wording import Spread, listed, relative, significant
 
 
 def has_common_depth(run: FitRun) -> bool:
@@ -47,26 +48,14 @@ def depth_sentence(run: FitRun) -> Markup:
 
     That heavier impactors go deeper is read off the recorded displacements.
     """
-    common, deepest = exponent(run, COMMON_DEPTH), exponent(run, OWN_DEPTH)
+    deepest = exponent(run, OWN_DEPTH)
     if deepest is None:
         return Markup()
-    if not has_common_depth(run) or common is None:
-        return Markup(said("depth.own_alone"))  # noqa: S704 - a sentence of the program alone
-    also = said("depth.if_same_damper") if run.record.get("discrepancy") else ""
-    values = {"value": deepest.value, "range": deepest.range}
-    sentence = said("depth.common", depth=depth_words(run), also=also, **values)
-    why = _explanation(run, common, deepest)
-    return Markup(f"{sentence} {why}".strip())  # noqa: S704 - sentences of the program, and numbers
-
-
-def _explanation(run: FitRun, common: Spread, deepest: Spread) -> str:
-    where = _direction(run, deepest)
-    if deepest.holds(0) or not where:
-        return ""
-    if not common.holds(0):
-        return said("depth.law_differs", where=where)
-    sure = hypothesis_probability(run, COMMON_DEPTH, FIXED) > SURE
-    return said("depth.law_is_one" if sure else "depth.law_may_be_one", where=where)
+    common = exponent(run, COMMON_DEPTH) if has_common_depth(run) else None
+    where = _direction(run, deepest) if common else ""
+    one_law = hypothesis_probability(run, COMMON_DEPTH, FIXED) > SURE
+    facts = (deepest, common, depth_words(run), where, one_law, bool(run.record.get("discrepancy")))
+    return Markup(worded("fit", "depth", *facts))  # noqa: S704 - sentences of the program, and numbers
 
 
 def _direction(run: FitRun, deepest: Spread) -> str:
@@ -75,7 +64,7 @@ def _direction(run: FitRun, deepest: Spread) -> str:
     log_mass = np.log(run.constant("mass_kg"))
     deeper = float(np.cov(log_mass, np.log(depth))[0, 1]) > 0
     if deeper == (deepest.median > 0):
-        return said("depth.deeper" if deeper else "depth.less_deep")
+        return "deeper, where it is stiffer" if deeper else "less deep, where it is softer"
     return ""
 
 
@@ -150,40 +139,20 @@ def method_sentence(run: FitRun) -> str:
 
 
 def mass_conclusion(run: FitRun) -> str:
-    """Whether K and C depend on the mass, and whether people differ in it where the model asks."""
-    return f"{_typical_conclusion(run)} {differing_words(run)}".strip()
-
-
-def _typical_conclusion(run: FitRun) -> str:
-    """Whether K and C of a typical person depend on it, by the probabilities of the hypotheses."""
-    if not mass_varies(run):
-        return said("mass.never_varies")
-    if exponent(run, "K") is None and exponent(run, "C") is None:
-        return said("mass.no_exponent")
+    """Whether K and C depend on the mass, by the hypotheses; and whether people differ in it where asked."""
     by = answering(run)
-    fixed = {
-        q: hypothesis_probability(run, by[q], FIXED) for q in QUANTITIES if exponent(run, by[q]) is not None
-    }
-    if min(fixed.values()) > SURE and len(fixed) > 1:
-        return said("mass.neither", likely=likelihood_words(min(fixed.values())))
-    return " ".join(_one_conclusion(run, quantity) for quantity in fixed)
-
-
-def _one_conclusion(run: FitRun, quantity: str) -> str:
-    which = answering(run)[quantity]
-    beta = exponent(run, which)
-    fixed = hypothesis_probability(run, which, FIXED)
-    constant = hypothesis_probability(run, which, CONSTANT)
-    if beta is None:
-        return ""
-    if fixed > SURE:
-        return said("mass.fixed", quantity=quantity, likely=likelihood_words(fixed))
-    if constant > SURE:
-        return said("mass.proportional", quantity=quantity, likely=likelihood_words(constant))
-    if beta.holds(0):
-        also = " or from proportion to the mass" if beta.holds(1) else ""
-        return said("mass.untold", quantity=quantity, also=also)
-    return said("mass.grows" if beta.low > 0 else "mass.falls", quantity=quantity)
+    exponents = [
+        {
+            "quantity": q,
+            "beta": beta,
+            "fixed": hypothesis_probability(run, by[q], FIXED),
+            "constant": hypothesis_probability(run, by[q], CONSTANT),
+        }
+        for q in QUANTITIES
+        if (beta := exponent(run, by[q])) is not None
+    ]
+    typical = worded("fit", "mass", mass_varies(run), exponents, SURE)
+    return f"{typical} {differing_words(run)}".strip()
 
 
 def contrast_sentence(run: FitRun) -> Markup:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.page import worded
 from bayestissue.report.posterior import group_words, spread, without_zero
 from bayestissue.report.wording import listed
 
@@ -92,13 +93,9 @@ def differing_words(run: FitRun) -> str:
 
 
 def _differing(run: FitRun, slope: OwnSlope) -> str:
-    differing, (one, several) = apart(run, slope), group_words(slope.grouping)
-    which = f"{len(differing)} of {len(run.labels(slope.grouping))} {several}" if differing else f"no {one}"
-    verb, differ = "are" if len(differing) > 1 else "is", "differ" if differing else "are not seen to differ"
-    return (
-        f"{several.capitalize()} {differ} in it: in {slope.quantity} {which} {verb} told apart from the "
-        f"common exponent by 90 % intervals; standard deviation of the exponents {scatter(run, slope)}."
-    )
+    levels = len(run.labels(slope.grouping))
+    named = group_words(slope.grouping)
+    return worded("fit", "own_mass", slope, *named, apart(run, slope), levels, scatter(run, slope))
 
 
 def apart(run: FitRun, slope: OwnSlope) -> list[str]:

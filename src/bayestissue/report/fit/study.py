@@ -23,6 +23,7 @@ from bayestissue.inference.results.meanings import (
 from bayestissue.report.fit.population import groupings
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
+from bayestissue.report.page import worded
 from bayestissue.report.posterior import QUANTITIES, spread
 from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Field, Row, Table, columns, shown, table_of
@@ -297,25 +298,11 @@ def reliability_words(run: FitRun) -> list[str]:
         words = said("study.error", quantity=q, errors=" and ".join(errors), changes=_changes(cells, q))
         if (q, ICC, "ICC(A,1)", "1") in cells:
             consistency, agreement = (_spread(cells[q, ICC, f"ICC({form},1)", "1"]).words for form in "CA")
-            repeats = _repeats_words(_spread(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"]))
+            repeats = worded("fit", "repeats", _spread(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"]))
             icc = said("study.icc", consistency=consistency, agreement=agreement, repeats=repeats)
             words = f"{words} {icc}"
         sentences.append(words)
     return sentences
-
-
-def _repeats_words(need: Spread) -> str:
-    """How many repeats an agreement of 0.9 takes, which no number of them may give."""
-    if not np.isfinite(need.median):
-        least = f" (by the 90 % interval at least {_whole(need.low)})" if np.isfinite(need.low) else ""
-        return f"no number of repeats gives an ICC(A,k) of 0.9{least}"
-    repeats = "repeat" if _whole(need.median) == "1" else "repeats"
-    ends = (
-        f"{_whole(need.low)} to {_whole(need.high)}"
-        if np.isfinite(need.high)
-        else f"at least {_whole(need.low)}"
-    )
-    return f"for an ICC(A,k) of 0.9 a person needs {_whole(need.median)} {repeats} ({ends})"
 
 
 def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> str:

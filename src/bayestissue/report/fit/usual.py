@@ -10,12 +10,11 @@ from jaxtyping import Float64
 
 from bayestissue.inference.results.meanings import COLUMNS, OUTCOME_COLUMNS, outcome_name
 from bayestissue.literature import FACTOR, MEASURED, Comparable, Measurement, Range, comparable
-from bayestissue.outline import counted
 from bayestissue.report.fit.outcomes import quantity_title, scaled
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.fit.sentences import said
+from bayestissue.report.page import worded
 from bayestissue.report.tables import Field, Table, table_of
-from bayestissue.report.wording import listed, significant
+from bayestissue.report.wording import significant
 
 # Of an impact, what means the same for every element, where its own has it.
 _ACROSS_ELEMENTS = {"K": "K_secant", "C": "C_equivalent"}
@@ -57,7 +56,7 @@ class Line(NamedTuple):
         """What the ratio says where it is beyond a factor of two; else empty."""
         if 1 / FACTOR <= self.ratio <= FACTOR:
             return ""
-        return said("usual.less" if self.ratio < 1 else "usual.more")
+        return "less than half" if self.ratio < 1 else "more than twice"
 
     def words(self, values: Iterable[float]) -> str:
         """Values of it as the page has them: a number, or a range."""
@@ -100,40 +99,21 @@ def _lines_of(run: FitRun, one: Comparable) -> Iterator[Line]:
 def usual_words(run: FitRun) -> str:
     """How many published values are near this run's, and which are not; or why that can't be said."""
     compared = lines(run)
-    if not compared:
-        quantities = dict.fromkeys(
-            outcome_name(_NAMES[name])
-            for one in comparable_measurements(run)
-            for name in one.measurement.published
-        )
-        return said(
-            "usual.lacking" if quantities else "usual.nothing",
-            site=site(run),
-            quantities=listed(list(quantities)),
-        )
+    quantities = dict.fromkeys(
+        outcome_name(_NAMES[name])
+        for one in comparable_measurements(run)
+        for name in one.measurement.published
+    )
     off = dict.fromkeys(
         f"{outcome_name(line.quantity)} ({line.unusual})" for line in compared if line.unusual
     )
-    count = counted(len(compared), "published value")
-    sentence = f"usual.{'some' if off else 'all'}{'' if site(run) else '_elsewhere'}"
-    return said(sentence, count=count, off=listed(list(off)))
+    return worded("fit", "usual", site(run), len(compared), list(quantities), list(off))
 
 
 def alike_words(run: FitRun, one: Comparable) -> str:
     """What was measured, and how many of this run's impacts are like it."""
-    measurement = one.measurement
-    return said(
-        "usual.alike",
-        hit=f"{measurement.hit[:1].upper()}{measurement.hit[1:]}",
-        by=measurement.by,
-        motion=_motion(measurement),
-        short=measurement.source.short,
-        method=measurement.method,
-        where=measurement.where,
-        address=measurement.source.address,
-        count=int(one.impacts.sum()),
-        of=counted(len(one.impacts), "impact"),
-    )
+    alike, impacts = int(one.impacts.sum()), len(one.impacts)
+    return worded("fit", "published", one.measurement, _motion(one.measurement), alike, impacts)
 
 
 def _motion(measurement: Measurement) -> str:
