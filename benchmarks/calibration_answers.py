@@ -49,11 +49,10 @@ from bayestissue import runtime
 from bayestissue.hierarchy.derived import effects_by_name, formula_quantities, level_quantities, new_impact
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import expected
-from bayestissue.hierarchy.gaussian.conditional import Data, log_marginal
-from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
+from bayestissue.hierarchy.gaussian.effects import SitesByCell, effects_from_standard
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel, gaussian, hyperparameters_at
+from bayestissue.hierarchy.traces import TraceModel, hyperparameters_at, sites_by_cell
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
 from bayestissue.inference.answers.questions import ask, numbered
@@ -474,12 +473,11 @@ TRIALS = {
 
 @by_row(64, constant=2)
 def effects_of_sites(
-    model: TraceModel, data: Data, y: Array, standard: Array
+    model: TraceModel, data: SitesByCell, y: Array, standard: Array
 ) -> tuple[dict[str, Array], Array]:
     """Hyperparameters by name and a draw of b, the sites standing for the traces."""
     hyperparameters = hyperparameters_at(model, y)[0]
-    covariances = model.covariances(hyperparameters)
-    effects, _ = integrate_effects(data.design, covariances, data.sums(covariances))
+    effects, _ = data.integrated(model.covariances(hyperparameters))
     return hyperparameters, effects_from_standard(data.design, effects, data.mean, standard)
 
 
@@ -514,7 +512,7 @@ class Studies:
             {name: np.asarray(v[0]) for name, v in self._draw(key, self._base.data).items()} for key in keys
         ]
         every = [
-            gaussian(self._base.data, self._sites(drawn, random))
+            sites_by_cell(self._base.data, self._sites(drawn, random))
             for drawn, random in zip(worlds, randoms, strict=True)
         ]
         laid = jax.tree.map(lambda *each: jnp.stack(each), *(data.sites for data in every))
@@ -529,11 +527,11 @@ class Studies:
 
     def _chain(self, begin: Array, laid: GaussianFactor, key: Array) -> Array:
         """Hamiltonian Monte Carlo on the marginal density of a fit, [draw, hyperparameter], unconstrained."""
-        data, model = replace(gaussian(self._base.data, self._flat), sites=laid), self._base.model
+        data, model = replace(sites_by_cell(self._base.data, self._flat), sites=laid), self._base.model
 
         def potential(y: Array) -> Array:
             hyperparameters, log_prior = hyperparameters_at(model, y)
-            return -log_prior - log_marginal(data, model.covariances(hyperparameters))
+            return -log_prior - data.integrated(model.covariances(hyperparameters))[1]
 
         kernel = HMC(potential_fn=potential, num_steps=LEAPFROGS, trajectory_length=None)
         state = kernel.init(key, WARMUP, begin, (), {})
@@ -558,7 +556,7 @@ class Studies:
         precision = np.broadcast_to(np.linalg.inv(covariance), (len(truth), 3, 3)).copy()
         return GaussianFactor(seen, np.zeros_like(seen), precision, np.zeros(len(seen)))
 
-    def _posterior(self, raw: np.ndarray, data: Data, random: np.random.Generator) -> xr.Dataset:
+    def _posterior(self, raw: np.ndarray, data: SitesByCell, random: np.random.Generator) -> xr.Dataset:
         model = self._base.model
         standard = random.standard_normal((len(raw), model.locations.size))
         hyperparameters, b = effects_of_sites(model, data, raw, standard)

@@ -31,9 +31,8 @@ from studies import of_draws
 import bayestissue as bt
 from bayestissue import runtime
 from bayestissue.fitting import resolve
-from bayestissue.hierarchy.named_model import named_model
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.trace_data import Prepared, named_model, prepare
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.inference.results.summary import summarise

@@ -21,9 +21,16 @@ from bayestissue.errors import Coded, InputError, Problem, refuse
 from bayestissue.finished import Fit, read_run
 from bayestissue.hierarchy.columns import untried
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.named_model import named_model
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
-from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, too_short, with_discrepancy
+from bayestissue.hierarchy.trace_data import (
+    KINDS,
+    Prepared,
+    assemble,
+    named_model,
+    prepare,
+    too_short,
+    with_discrepancy,
+)
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import another_element, model_form

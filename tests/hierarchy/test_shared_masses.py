@@ -13,12 +13,11 @@ from jax import Array
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal, norm
 
-from bayestissue.hierarchy.gaussian.conditional import log_marginal
-from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
+from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import MassError
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import gaussian
+from bayestissue.hierarchy.traces import sites_by_cell
 from studies_by_mass import prepared_study
 
 PEOPLE, REPEATS, MASSES = 10, 2, (0.4, 0.7, 1.2)
@@ -88,12 +87,12 @@ def found(made: Prepared, told: GaussianFactor) -> Found:
 
     @jax.jit
     def of(centre: Array) -> tuple[Array, Array, Array]:
-        data = gaussian(made.data, told._replace(centre=centre))
-        conditional, _ = integrate_effects(data.design, covariances, data.sums(covariances))
+        data = sites_by_cell(made.data, told._replace(centre=centre))
+        conditional, log_density = data.integrated(covariances)
         b = effects_from_standard(data.design, conditional, prior_mean)
         unit = jnp.eye(len(b))
         drawn = jax.vmap(lambda z: effects_from_standard(data.design, conditional, prior_mean, z))(unit)
-        return log_marginal(data, covariances), b, (drawn - b).T
+        return log_density, b, (drawn - b).T
 
     gain = jax.jit(jax.jacfwd(lambda centre: of(centre)[1]))(told.centre)
     return Found(*map(np.asarray, (*of(told.centre), gain)))  # type: ignore[arg-type]

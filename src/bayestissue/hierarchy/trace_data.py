@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro
 import pandas as pd
 from jaxtyping import Int
 
@@ -19,6 +21,7 @@ from bayestissue.elements.element import GRAVITY, REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem, along_with
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.combinations import refused, unsuited
+from bayestissue.hierarchy.derived import effects_by_name
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES, parameter_of
 from bayestissue.hierarchy.force import (
@@ -33,7 +36,7 @@ from bayestissue.hierarchy.priors import normal
 from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
 from bayestissue.hierarchy.reference import Reference
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
+from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of, plain_model
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.noise import discrepancy_modes
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
@@ -493,3 +496,26 @@ def _reach(
         # Noise hides the jump: contact is anywhere between two moments, too far apart to be linear in.
         return min(int(np.ceil((2 * signal.bracket_s / signal.dt).max())), BEFORE)
     return 0
+
+
+def named_model(prepared: Prepared) -> Callable[[], None]:
+    """`plain_model` of a fit's data, with effects, K and C by their names beside what is sampled.
+
+    K and C are at the recorded mass, whose error, where impacts share it, is ``log_mass_error``. A
+    discrepancy is there as the log of its rms.
+    """
+    model = prepared.model
+
+    def named() -> None:
+        if not jax.config.jax_enable_x64:
+            raise RuntimeError("these likelihoods need double precision: call numpyro.enable_x64() first")
+        with numpyro.handlers.trace() as sampled:
+            plain_model(model, jax.tree.map(jnp.asarray, prepared.data))
+        value = {name: site["value"] for name, site in sampled.items() if site["type"] == "sample"}
+        effects = effects_by_name(model.locations, prepared.design, value["locations"])
+        for name, effect in effects.items():
+            numpyro.deterministic(name, effect)
+        for number, q in enumerate("KC"):
+            numpyro.deterministic(q, jnp.exp(value["log_K_and_C"][:, number]))
+
+    return named

@@ -2,7 +2,7 @@
 
 Written twice. `plain_model` says what is believed, top down. `sampled_model` is the same density in
 coordinates made for sampling: b and every impact's parameters are affine maps of standard normals, made by
-`bayestissue.hierarchy.gaussian.conditional` to undo whatever the data and the standard deviations correlate.
+`bayestissue.hierarchy.gaussian.effects` to undo whatever the data and the standard deviations correlate.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from numpyro.distributions import biject_to
 from bayestissue.elements import element as element_named
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
-from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.gaussian.effects import SitesByCell
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.population import (
@@ -316,6 +316,6 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
     return [logs[..., 0], logs[..., 1], *nuisance]
 
 
-def gaussian(data: TraceData, sites: GaussianFactor) -> Data:
+def sites_by_cell(data: TraceData, sites: GaussianFactor) -> SitesByCell:
     """What the hierarchy's closed forms ask of the dataset, a site standing for each trace."""
-    return Data.from_sites(data.design, data.location_mean, sites)
+    return SitesByCell.from_sites(data.design, data.location_mean, sites)

@@ -21,8 +21,7 @@ from scipy.special import chdtri, ndtri, softmax
 from scipy.stats import qmc
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
-from bayestissue.hierarchy.gaussian.conditional import Data, log_marginal
-from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
+from bayestissue.hierarchy.gaussian.effects import SitesByCell, effects_from_standard
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.planning.model import PlannedModel
 from bayestissue.planning.settings import INTEGRATION as SETTINGS
@@ -135,16 +134,15 @@ def _integrated(
         centre, present, start, points, sign = study
         there = present[:, None, None] * precision
         sites = GaussianFactor(centre, jnp.zeros_like(centre), there, jnp.zeros(len(centre)))
-        data = Data(columns, mean, columns.blocked(sites))
+        by_cell = SitesByCell(columns, mean, columns.blocked(sites))
 
         def potential(y: Array) -> Array:
             values, log_prior = model.at(y)
-            return -log_marginal(data, model.covariances(values)) - log_prior
+            return -by_cell.integrated(model.covariances(values))[1] - log_prior
 
         def at(y: Array, standard: Array) -> tuple[Array, dict[str, Array], Array]:
             values, log_prior = model.at(y)
-            covariances = model.covariances(values)
-            effects, density = integrate_effects(columns, covariances, data.sums(covariances))
+            effects, density = by_cell.integrated(model.covariances(values))
             b = jax.vmap(partial(effects_from_standard, columns, effects, mean))(standard)
             return density + log_prior, values, b
 

@@ -1,5 +1,10 @@
 """Fixed and group effects integrated out of any design, or drawn, by a blocked Cholesky factor.
 
+Given the hyperparameters, a Gaussian factor standing for each trace, all of the hierarchy is normal: every
+impact's u and all effects b are integrated out in closed form, or drawn by an affine map of standard normals.
+The map is exact whatever the factors are: only its whitening power depends on them, and the ratio of
+likelihood to factor puts things right.
+
 Once the impacts' own parameters are integrated out, the precision of b is X'WX + Lambda with Lambda that of
 its prior. Its elements are eliminated in two steps: of the chosen grouping factor and all that is nested in
 it level by level, a small factor L each; then all other elements by one dense factor F of what is left,
@@ -12,17 +17,19 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor, cell_factors
 from bayestissue.likelihood import small
 
 
@@ -63,6 +70,39 @@ class EffectsConditional(NamedTuple):
         """The whole factor's transpose times a vector."""
         below = _stacked(small.turned_times(self.factor, list(inner)), inner)
         return below + (self.coupling * outer[:, None]).sum(1), self.outer_factor.T @ outer
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class SitesByCell:
+    """All that the marginal density asks of the data.
+
+    Attributes:
+        design: X, arranged.
+        mean: b's prior mean.
+        sites: of the impacts, see `PopulationDesign.blocked`.
+    """
+
+    design: PopulationDesign
+    mean: Float[Array, " location"]
+    sites: GaussianFactor
+
+    @classmethod
+    def from_sites(
+        cls, design: PopulationDesign, mean: Float[Array, " location"], sites: GaussianFactor
+    ) -> SitesByCell:
+        """Without each impact's cell, so that what is compiled serves other numbers of impacts."""
+        by_cell = cls(design._replace(cell=np.zeros(0, int)), mean, design.blocked(sites))
+        return jax.tree.map(jnp.asarray, by_cell)
+
+    def sums(self, covariances: Covariances) -> GaussianFactor:
+        """What the impacts of each cell say of X b, their own parameters integrated out."""
+        prior_mean = expected_by_cell(self.design, self.mean)
+        return cell_factors(covariances.of_impact(), prior_mean, self.sites)
+
+    def integrated(self, covariances: Covariances) -> tuple[EffectsConditional, Float[Array, ""]]:
+        """What is needed to draw b, and the log density of all sites, b and every u integrated out."""
+        return integrate_effects(self.design, covariances, self.sums(covariances))
 
 
 def log_density_of_cells(

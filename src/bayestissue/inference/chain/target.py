@@ -19,10 +19,10 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.hierarchy.gaussian.arrangement import expected, expected_by_cell
-from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import (
     EffectsConditional,
+    SitesByCell,
     effects_from_standard,
     integrate_effects,
     standard_effects,
@@ -208,8 +208,9 @@ class Target:
 
     def given_sites(self, y: Float[Array, " hyperparameter"], blocked: GaussianFactor) -> ConditionalEffects:
         """The same where a site stands for every trace, and u is integrated out too; see `blocked`."""
-        covariances, data = self.covariances(y), Data(self.data.design, self.data.location_mean, blocked)
-        return self._integrated(y, covariances, data.sums(covariances))
+        covariances = self.covariances(y)
+        by_cell = SitesByCell(self.data.design, self.data.location_mean, blocked)
+        return self._integrated(y, covariances, by_cell.sums(covariances))
 
     def blocked(self, sites: GaussianFactor) -> GaussianFactor:
         """Impacts' sites as the design arranges them."""

@@ -24,12 +24,12 @@ from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.group_terms import Grouping, stem_of
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
-from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.gaussian.effects import SitesByCell
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.population import MASS_ERROR, Population
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel, gaussian
+from bayestissue.hierarchy.traces import TraceModel, sites_by_cell
 from bayestissue.inference.execution.compiling import by_row, in_parts
 from bayestissue.inference.factors.conditional import conditional_priors, log_evidence
 from bayestissue.padding import bucket
@@ -67,7 +67,7 @@ def log_densities(
     shown = GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
     priors = conditional_priors(model, data.design, population, rows)
     evidence = in_parts(partial(log_evidence, shown), (priors,), _AT_ONCE, axes=2)
-    traces = gaussian(data, sites)
+    traces = sites_by_cell(data, sites)
     cell, places = np.asarray(data.design.cell), traces.design.members.shape[2]
     of_levels = own_effects(model, prepared.design, prepared.mass_group)
     effects = {name: effect.at_places(cell, places) for name, effect in of_levels.items()}
@@ -83,7 +83,7 @@ def log_densities(
 
 @by_row(_AT_ONCE, constant=3, axes=2)
 def _of_groups(
-    model: TraceModel, data: Data, effects_of: dict[str, OwnEffects], population: Population
+    model: TraceModel, data: SitesByCell, effects_of: dict[str, OwnEffects], population: Population
 ) -> dict[str, Array]:
     """Of groups by the sites, and of all traces together."""
     covariances, b = model.covariances(population.hyperparameters), population.b
