@@ -9,7 +9,7 @@ import pytest
 import bayestissue as bt
 from bayestissue.dataset.cells import standard_names
 from bayestissue.dataset.impacts import COLUMNS, impact_table
-from bayestissue.hierarchy.formulas.formula import judge
+from bayestissue.hierarchy.formulas.formula import resolve
 from dataset_bench import SETTINGS, Lab, tables
 
 
@@ -44,9 +44,9 @@ def test_an_empty_cell_is_no_category_where_a_formula_uses_it(formula):
     read = table(side=["left", "", "right", "right"])
     (warned,) = read.warnings
     assert (warned.row, warned.column) == (3, "side")
-    reasons = " ".join(fault.reason for fault in judge(formula, read.table, 1.0).faults)
+    reasons = " ".join(fault.reason for fault in resolve(formula, read.table, 1.0).faults)
     assert "side is missing in 1 of 4 impacts, such as impact b" in reasons
-    assert not any("side" in fault.reason for fault in judge("log(mass_kg)", read.table, 1.0).faults)
+    assert not any("side" in fault.reason for fault in resolve("log(mass_kg)", read.table, 1.0).faults)
 
 
 @pytest.fixture
@@ -155,11 +155,11 @@ def test_a_standard_column_is_one_whatever_its_case(lab: Lab) -> None:
 def test_a_formula_finds_columns_whatever_their_case_and_names_the_near_one() -> None:
     rows = pd.DataFrame({"subject": list("aabbccdd"), "trial": "x", "mass_kg": [1.0, 2.0] * 4})
     rows["Group"] = list("ttttcccc")
-    assert str(judge("group + (1|Patient)", rows, 1.0).terms) == "Group + (1|subject)"
-    assert judge("group + (1|Patient)", rows, 1.0).faults == ()
+    assert str(resolve("group + (1|Patient)", rows, 1.0).terms) == "Group + (1|subject)"
+    assert resolve("group + (1|Patient)", rows, 1.0).faults == ()
     for formula in ("GRUP", "(1|grup)", "(grup|subject)"):
-        (fault,) = judge(formula, rows, 1.0).faults
+        (fault,) = resolve(formula, rows, 1.0).faults
         assert fault.reason.endswith("; Group is near")
     # Two that differ by case alone are two.
     twice = rows.assign(group=list("tctctctc"))
-    assert str(judge("group", twice, 1.0).terms) == "group"
+    assert str(resolve("group", twice, 1.0).terms) == "group"

@@ -10,7 +10,7 @@ from jax import Array
 
 from bayestissue.hierarchy.gaussian.arrangement import arrange, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.effects import EffectsConditional, integrate_effects, log_density_of_cells
+from bayestissue.hierarchy.gaussian.effects import EffectsPosterior, integrate_effects, log_density_of_cells
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor, cell_factors
 
 SIZE = 4
@@ -135,7 +135,7 @@ class Dense:
         covariances = Covariances(own, nuisance, locations)
         return log_density_of_cells(self.design, covariances, self.sums(covariances))
 
-    def conditional(self) -> EffectsConditional:
+    def conditional(self) -> EffectsPosterior:
         return integrate_effects(self.design, self.covariances, self.sums(self.covariances))[0]
 
     @property

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from bayestissue.dataset.published import read_published
-from bayestissue.hierarchy.derived import hypotheses, straight_lines
+from bayestissue.hierarchy.derived import hypotheses, lines_of_means
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.thesis.reanalysis.observations import published_design, published_observations
 
@@ -37,9 +37,9 @@ def test_the_straight_line_through_exact_stiffness_is_found() -> None:
             f"subject_effect_{q}": np.zeros((1, 1, 10)),
             f"trial_effect_{q}": np.log(a + b * by_trial)[None, None],
         }
-    lines = straight_lines(design, sites, mass)
+    lines = lines_of_means(design, sites, mass)
     assert_allclose(lines["linear_slope_K"], b, rtol=1e-11)
     assert_allclose(lines["linear_intercept_K"], a, rtol=1e-10)
     # A lognormal scatter of 0.3 raises every mean by exp(0.3² / 2).
-    scattered = straight_lines(design, sites | {"sd_impact_K": np.full((1, 1), 0.3)}, mass)
+    scattered = lines_of_means(design, sites | {"sd_impact_K": np.full((1, 1), 0.3)}, mass)
     assert_allclose(scattered["linear_slope_K"], b * np.exp(0.045), rtol=1e-11)

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.formulas.formula import judge, left_out_words
+from bayestissue.hierarchy.formulas.formula import left_out_words, resolve
 from bayestissue.hierarchy.specification import Formulas
 
 PLAIN = "log(mass_kg) + (1|subject) + (1|trial)"
@@ -56,7 +56,7 @@ def refusal(formula: str, table: pd.DataFrame) -> str:
 def test_formulas_that_cannot_be_used_are_refused_in_our_words(formula, words):
     rows = pd.DataFrame({"impact": list("abcd"), "subject": list("ssuu"), "trial": list("xyxy")})
     rows = rows.assign(mass_kg=[0.5, 1.0] * 2, side=list("llrr"), age=[1.0, np.nan, 3.0, 4.0])
-    assert words in " ".join(fault.reason for fault in judge(formula, rows, 1.0).faults)
+    assert words in " ".join(fault.reason for fault in resolve(formula, rows, 1.0).faults)
 
 
 def test_log_mass_is_zero_at_the_reference_mass_and_is_not_scaled() -> None:

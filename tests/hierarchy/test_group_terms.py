@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bayestissue.errors import InputError
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.formulas.formula import judge
+from bayestissue.hierarchy.formulas.formula import resolve
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.population import expected, population_design
 from bayestissue.hierarchy.priors import Priors
@@ -30,14 +30,14 @@ from designs import EVERYTHING, REFERENCE, design_of, impacts, indicator
     ],
 )
 def test_a_formula_is_read_and_written_as_it_is_meant(formula: str, read_as: str) -> None:
-    found = judge(formula, impacts(), REFERENCE)
+    found = resolve(formula, impacts(), REFERENCE)
     assert not found.faults
     assert str(found.terms) == read_as
-    assert judge(read_as, impacts(), REFERENCE).terms == found.terms
+    assert resolve(read_as, impacts(), REFERENCE).terms == found.terms
 
 
 def test_quoted_columns_keep_their_quotes() -> None:
-    found = judge("(1|`left foot`)", impacts().rename(columns={"side": "left foot"}), REFERENCE)
+    found = resolve("(1|`left foot`)", impacts().rename(columns={"side": "left foot"}), REFERENCE)
     assert (str(found.terms), found.faults) == ("(1|`left foot`)", ())
 
 
@@ -94,15 +94,15 @@ def test_levels_that_a_colon_gives_one_name_are_refused() -> None:
     names = {"s0": "a", "s1": "a:left", "s2": "b", "s3": "c"}
     rows = impacts().assign(subject=lambda t: t["subject"].map(names))
     rows["side"] = np.where(rows["subject"] == "a", "left:" + rows["side"], rows["side"])
-    (fault,) = judge("(1|subject:side)", rows, REFERENCE).faults
+    (fault,) = resolve("(1|subject:side)", rows, REFERENCE).faults
     assert fault.reason == "two levels would be called a:left:left"
-    assert not judge("(1|subject)", rows, REFERENCE).faults
+    assert not resolve("(1|subject)", rows, REFERENCE).faults
 
 
 def test_all_that_is_wrong_with_group_terms_is_said_at_once() -> None:
     rows = impacts().assign(nation="x", day=lambda t: t["session"] + 10)
     formula = "hand + (1|hand) + (age|subject) + (1|nation) + (1|session) + (1|day) + (1|subject)"
-    found = judge(formula, rows, REFERENCE)
+    found = resolve(formula, rows, REFERENCE)
     assert [fault.term for fault in found.faults if fault.term] == [
         "hand",
         "(1|hand)",
@@ -116,7 +116,7 @@ def test_all_that_is_wrong_with_group_terms_is_said_at_once() -> None:
 def test_a_slope_needs_more_impacts_than_coefficients() -> None:
     rows = impacts(repeats=1)
     rows = rows[(rows["side"] == "left") & (rows["trial"] != "t1")].reset_index(drop=True)
-    (fault,) = judge("log(mass_kg) + (log(mass_kg)|subject)", rows, REFERENCE).faults
+    (fault,) = resolve("log(mass_kg) + (log(mass_kg)|subject)", rows, REFERENCE).faults
     assert fault.expected == "more than 2 impacts for at least one subject"
 
 
@@ -124,9 +124,9 @@ def test_terms_that_make_one_pattern_together_are_told_from_each_other_or_refuse
     """With two impacts a pair, x = ±1: 1 + scatter = half of the intercept's and half of the slope's."""
     rows = impacts(repeats=1).assign(x=lambda t: np.where(t["side"] == "left", -1.0, 1.0))
     rows = rows.assign(pair=rows["subject"] + rows["trial"])
-    assert judge("(x|pair)", rows, REFERENCE).faults[0].term == "(x|pair)"
+    assert resolve("(x|pair)", rows, REFERENCE).faults[0].term == "(x|pair)"
     # The two intercepts alone share no pattern.
-    assert not judge("(1|pair) + (1|subject:side)", rows, REFERENCE).faults
+    assert not resolve("(1|pair) + (1|subject:side)", rows, REFERENCE).faults
 
 
 def test_the_columns_are_those_of_the_matrix_by_hand() -> None:

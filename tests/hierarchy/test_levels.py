@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.formulas.formula import Evaluated, judge
+from bayestissue.hierarchy.formulas.formula import Evaluated, resolve
 from bayestissue.hierarchy.formulas.group_terms import GroupTerm
 from bayestissue.hierarchy.levels import design_at, log_at_levels
 from bayestissue.hierarchy.recorded import Recorded
@@ -66,13 +66,13 @@ def test_a_row_of_the_design_says_whose_effects_count(known) -> None:
 
 def test_a_formula_has_its_own_columns_again_and_in_other_rows_their_reference() -> None:
     rows = impacts()
-    judged = judge("log(mass_kg) + side*age + (age|session) + (1|subject)", rows, REFERENCE)
-    evaluated = Evaluated(str(judged.terms), rows, REFERENCE)
+    resolved = resolve("log(mass_kg) + side*age + (age|session) + (1|subject)", rows, REFERENCE)
+    evaluated = Evaluated(str(resolved.terms), rows, REFERENCE)
     for some in (rows, rows[5:8]):
         covariates, multipliers = evaluated.at(some)
-        assert tuple(covariates) == judged.names
-        assert_allclose(np.column_stack(list(covariates.values())), judged.columns[some.index], atol=1e-14)
-        for term, x in judged.groups.items():
+        assert tuple(covariates) == resolved.names
+        assert_allclose(np.column_stack(list(covariates.values())), resolved.columns[some.index], atol=1e-14)
+        for term, x in resolved.groups.items():
             assert_allclose(multipliers[term], x[some.index], atol=1e-14)
 
 

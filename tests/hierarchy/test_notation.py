@@ -10,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.formulas.formula import judge
+from bayestissue.hierarchy.formulas.formula import resolve
 from designs import REFERENCE, impacts
 
 ROWS = impacts().assign(sex=lambda t: np.where(t["subject"].isin(t["subject"].unique()[::2]), "f", "m"))
@@ -51,7 +51,7 @@ PIECES = st.lists(st.sampled_from(WORDS + SIGNS), max_size=12)
     ],
 )
 def test_what_cannot_be_read_is_refused_with_its_place(formula, place):
-    reasons = [fault.reason for fault in judge(formula, ROWS, REFERENCE).faults]
+    reasons = [fault.reason for fault in resolve(formula, ROWS, REFERENCE).faults]
     assert any(f"at character {place}, after" in reason for reason in reasons)
 
 
@@ -83,7 +83,7 @@ def test_what_cannot_be_read_is_refused_with_its_place(formula, place):
     ],
 )
 def test_what_would_be_passed_over_is_refused(formula, reason):
-    assert reason in " ".join(fault.reason for fault in judge(formula, ROWS, REFERENCE).faults)
+    assert reason in " ".join(fault.reason for fault in resolve(formula, ROWS, REFERENCE).faults)
 
 
 @pytest.mark.slow
@@ -94,11 +94,11 @@ def test_what_would_be_passed_over_is_refused(formula, reason):
 def test_no_piece_of_an_accepted_formula_is_lost(pieces):
     """Refused, or every name and number in it stands in the terms, which are read as the same again."""
     formula = " ".join(pieces)
-    found = judge(formula, ROWS, REFERENCE)
+    found = resolve(formula, ROWS, REFERENCE)
     if found.faults:
         return
     text = str(found.terms)
-    again = judge(text, ROWS, REFERENCE)
+    again = resolve(text, ROWS, REFERENCE)
     assert again.terms == found.terms
     assert_allclose(again.columns, found.columns)
     assert not set(formula) & set("[]=!%~^\\,.") - set(text)
@@ -141,22 +141,22 @@ def test_arithmetic_has_the_values_that_it_has_in_python(text):
             return
     if not np.isfinite(expected).all() or np.iscomplexobj(expected) or np.ptp(expected) == 0:
         return
-    found = judge(f"{{{text}}}", ROWS, REFERENCE)
+    found = resolve(f"{{{text}}}", ROWS, REFERENCE)
     assume(not found.faults)
     assert_allclose(found.columns[:, 0], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
-    assert judge(str(found.terms), ROWS, REFERENCE).terms == found.terms
+    assert resolve(str(found.terms), ROWS, REFERENCE).terms == found.terms
 
 
 def test_quoted_columns_within_arithmetic_and_products_keep_their_quotes():
     rows = ROWS.rename(columns={"age": "age in years", "side": "left foot"})
     for formula in ("{2 * `age in years`}", "`left foot`:sex", "(`age in years`|trial)"):
-        found = judge(formula, rows, REFERENCE)
+        found = resolve(formula, rows, REFERENCE)
         assert not found.faults
-        assert judge(str(found.terms), rows, REFERENCE).terms == found.terms
+        assert resolve(str(found.terms), rows, REFERENCE).terms == found.terms
 
 
 def test_a_product_alone_has_the_columns_of_full_rank():
-    found = judge("side:sex", ROWS, REFERENCE)
+    found = resolve("side:sex", ROWS, REFERENCE)
     cells = (ROWS["side"] + ROWS["sex"]).factorize()[0]
     whole = np.column_stack([np.ones(len(ROWS)), found.columns])
     assert not found.faults

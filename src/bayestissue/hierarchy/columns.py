@@ -11,7 +11,7 @@ import pandas as pd
 
 from bayestissue.dataset.impacts import REFERENCE, RESERVED
 from bayestissue.errors import Coded
-from bayestissue.hierarchy.formulas.formula import judge
+from bayestissue.hierarchy.formulas.formula import resolve
 from bayestissue.hierarchy.formulas.group_terms import labels_of, quoted
 from bayestissue.hierarchy.recorded import Recorded
 
@@ -98,7 +98,7 @@ def _tried(recorded: Recorded, name: str) -> dict[str, Any]:
         varies, term = f"{count} levels", quoted([name])
         term = f"(1|{term})" if count > SETTINGS.categories else term
     wanted = f"{recorded.formulas.get('K', '1')} + {term}"
-    terms = judge(wanted, recorded.rows, recorded.reference_mass_kg).terms
+    terms = resolve(wanted, recorded.rows, recorded.reference_mass_kg).terms
     accepted = term in (*terms.common, *map(str, terms.groups))
     return {"column": name, "number": number, "varies": varies, "formula": str(terms) if accepted else ""}
 

@@ -161,7 +161,7 @@ def new_impact(
     return values
 
 
-def straight_lines(design: Design, population: Draws, mass_kg: np.ndarray) -> dict[str, np.ndarray]:
+def lines_of_means(design: Design, population: Draws, mass_kg: np.ndarray) -> dict[str, np.ndarray]:
     """The least-squares line through the conditions' mean K (and C) against mass, for each draw.
 
     A condition's mean is over its people and over the impact's lognormal scatter, as an average of

@@ -12,7 +12,7 @@ import pandas as pd
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.columns import few_valued
 from bayestissue.hierarchy.effects import parameter_of
-from bayestissue.hierarchy.formulas.formula import Judged, adapted, judge
+from bayestissue.hierarchy.formulas.formula import ResolvedFormula, adapted, resolve
 from bayestissue.hierarchy.formulas.group_terms import (
     MASS_TERM,
     SUBJECT,
@@ -129,11 +129,11 @@ class Design:
 
     def terms_left_out(self) -> list[dict[str, Any]]:
         """Each ``term`` that an adapted formula lacks, ``of`` which responses, and the ``reason``."""
-        faults = [(fault.term, fault.reason) for judged in self.left_out.values() for fault in judged]
+        faults = [(fault.term, fault.reason) for gone in self.left_out.values() for fault in gone]
         return [
             {
                 "term": term,
-                "of": [q for q, judged in self.left_out.items() if term in {fault.term for fault in judged}],
+                "of": [q for q, gone in self.left_out.items() if term in {fault.term for fault in gone}],
                 "reason": reason,
             }
             for term, reason in dict.fromkeys(faults)
@@ -158,20 +158,20 @@ def build_design(
     mass = rows["mass_kg"].to_numpy(float)
     reference = float(np.exp(np.log(mass).mean())) if reference_mass_kg is None else reference_mass_kg
     problems: list[Problem] = []
-    judged_of: dict[str, Judged] = {}
+    resolved: dict[str, ResolvedFormula] = {}
     left_out: dict[str, tuple[Fault, ...]] = {}
     for response, formula in formulas:
-        judged_of[response] = adapted(rows, reference) if formula is None else judge(formula, rows, reference)
-        left_out[response] = judged_of[response].faults if formula is None else ()
-        if formula is not None and judged_of[response].faults:
-            problems.append(_refusal(judged_of[response], formula, f"formula.{response}", source))
+        one = adapted(rows, reference) if formula is None else resolve(formula, rows, reference)
+        resolved[response], left_out[response] = one, one.faults if formula is None else ()
+        if formula is not None and one.faults:
+            problems.append(_refusal(one, formula, f"formula.{response}", source))
     if problems:
         raise InputError(problems)
-    terms = (SUBJECT, TRIAL, *(term for judged in judged_of.values() for term in judged.groups))
+    terms = (SUBJECT, TRIAL, *(term for one in resolved.values() for term in one.groups))
     groupings = (grouping_of(rows, factors) for factors in dict.fromkeys(term.factors for term in terms))
-    written = {response: str(judged.terms) for response, judged in judged_of.items()}
+    written = {response: str(one.terms) for response, one in resolved.items()}
     return Design(
-        {response: _response(parameter_of(response), judged) for response, judged in judged_of.items()},
+        {response: _response(parameter_of(response), one) for response, one in resolved.items()},
         {grouping.name: grouping for grouping in groupings},
         float(reference),
         Formulas(**written),
@@ -180,22 +180,22 @@ def build_design(
     )
 
 
-def _refusal(judged: Judged, formula: str, key: str, source: str) -> Problem:
+def _refusal(resolved: ResolvedFormula, formula: str, key: str, source: str) -> Problem:
     """Everything that is wrong with a formula, and the one that the rows can tell."""
-    faults = judged.faults
+    faults = resolved.faults
     wanted = "; ".join(dict.fromkeys(fault.expected for fault in faults))
     wrong = "; ".join(f"{fault.term}: {fault.reason}" if fault.term else fault.reason for fault in faults)
     at = (source, None, key, formula)
     kind = "mendable" if any(fault.mendable for fault in faults) else "judged"
-    return Problem.stated(f"formula.{kind}", *at, wanted=wanted, wrong=wrong, terms=judged.terms)
+    return Problem.stated(f"formula.{kind}", *at, wanted=wanted, wrong=wrong, terms=resolved.terms)
 
 
-def _response(parameter: str, judged: Judged) -> ResponseDesign:
-    names, columns = judged.names, judged.columns
+def _response(parameter: str, resolved: ResolvedFormula) -> ResponseDesign:
+    names, columns = resolved.names, resolved.columns
     log_mass = columns[:, names.index(MASS_TERM)] if MASS_TERM in names else None
     keep = [i for i, name in enumerate(names) if name != MASS_TERM]
     scale = columns[:, keep].std(axis=0)
-    terms = {term: _group_column(term, values) for term, values in judged.groups.items()}
+    terms = {term: _group_column(term, values) for term, values in resolved.groups.items()}
     independent = tuple(names[i] for i in keep)
     return ResponseDesign(parameter, independent, columns[:, keep] / scale, scale, log_mass, terms)
 

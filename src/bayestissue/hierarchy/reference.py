@@ -31,7 +31,7 @@ class Reference:
         log_mean: posterior mean of log f.
         log_sd: its posterior standard deviation.
         mass_sd: of log f, as declared.
-        apart: log f by the phantoms alone, with its standard deviation.
+        by_phantoms: log f by the phantoms alone, with its standard deviation.
         table: a row an impact: ``impact``, K at the recorded mass with its 90 % interval, the known stiffness
             and its standard deviation.
     """
@@ -39,12 +39,12 @@ class Reference:
     log_mean: float
     log_sd: float
     mass_sd: float
-    apart: tuple[float, float]
+    by_phantoms: tuple[float, float]
     table: pd.DataFrame
 
 
 def mass_factor(
-    apart: Float[np.ndarray, " impact"],
+    log_ratio: Float[np.ndarray, " impact"],
     variance: Float[np.ndarray, " impact"],
     common: float,
     reference_sd: Float[np.ndarray, " impact"],
@@ -53,36 +53,37 @@ def mass_factor(
     """Log f by generalised least squares, and its standard deviation, the declared error of mass left out.
 
     Args:
-        apart: log K_r - log K_i.
+        log_ratio: log K_r - log K_i.
         variance: v_i.
         common: v_c.
         reference_sd: sd_r / K_r.
         phantom: which one was hit.
     """
-    beyond = scatter(apart, variance, phantom)
+    beyond = scatter(log_ratio, variance, phantom)
     same = phantom[:, None] == phantom
     covariance = np.diag(variance + beyond) + common + same * np.outer(reference_sd, reference_sd)
-    weights = np.linalg.solve(covariance, np.ones(len(apart)))
-    return float(weights @ apart / weights.sum()), float(weights.sum() ** -0.5)
+    weights = np.linalg.solve(covariance, np.ones(len(log_ratio)))
+    return float(weights @ log_ratio / weights.sum()), float(weights.sum() ** -0.5)
 
 
 def scatter(
-    apart: Float[np.ndarray, " impact"],
+    log_ratio: Float[np.ndarray, " impact"],
     variance: Float[np.ndarray, " impact"],
     phantom: Int[np.ndarray, " impact"],
 ) -> float:
     """t^2, by the moments of DerSimonian and Laird (1986), within phantoms; 0 where none was hit twice."""
     weight = 1 / variance
     sums = np.bincount(phantom, weight)
-    mean = np.bincount(phantom, weight * apart) / sums
-    freedom = len(apart) - (sums > 0).sum()
+    mean = np.bincount(phantom, weight * log_ratio) / sums
+    freedom = len(log_ratio) - (sums > 0).sum()
     if freedom == 0:
         return 0.0
-    excess = weight @ (apart - mean[phantom]) ** 2 - freedom
+    excess = weight @ (log_ratio - mean[phantom]) ** 2 - freedom
     return float(max(0.0, excess / (weight.sum() - (np.bincount(phantom, weight**2) / sums).sum())))
 
 
-def with_declared(apart: tuple[float, float], mass_sd: float, table: pd.DataFrame) -> Reference:
+def with_declared(by_phantoms: tuple[float, float], mass_sd: float, table: pd.DataFrame) -> Reference:
     """Posterior of log f: what phantoms say of it times its prior N(0, mass_sd^2)."""
-    precision = apart[1] ** -2 + mass_sd**-2
-    return Reference(apart[0] * apart[1] ** -2 / precision, precision**-0.5, mass_sd, apart, table)
+    mean, sd = by_phantoms
+    precision = sd**-2 + mass_sd**-2
+    return Reference(mean * sd**-2 / precision, precision**-0.5, mass_sd, by_phantoms, table)

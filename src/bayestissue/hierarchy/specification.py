@@ -90,7 +90,7 @@ class Sampler(Table):
     transitions: Annotated[int, Field(ge=100, le=10_000_000)] = 40_000
 
 
-class Comparison(Table):
+class CompetingFormulas(Table):
     """Other explanations of the same data: a name and the formula that takes both responses' place.
 
     Attributes:
@@ -145,7 +145,7 @@ class ModelSpecification(Table):
     mass_error: MassError = "impact"
     priors: Priors = Priors()
     practical_equivalence: PracticalEquivalence = PracticalEquivalence()
-    comparison: Comparison = Comparison()
+    comparison: CompetingFormulas = CompetingFormulas()
     questions: dict[str, str] = Field(default_factory=dict)
     sampler: Sampler = Sampler()
 

@@ -239,10 +239,8 @@ def facts_of(dataset: Dataset, **stated: Any) -> dict[str, Any]:
 
 def _empty_cells(dataset: Dataset, formulas: Formulas) -> list[Problem]:
     """A problem for each cell without a value in a column that a formula is of."""
-    impacts, named = (
-        dataset.impacts,
-        [terms_of(formula).columns for _, formula in formulas if formula is not None],
-    )
+    impacts = dataset.impacts
+    named = [terms_of(formula).columns for _, formula in formulas if formula is not None]
     problems = []
     for column in dict.fromkeys(name for columns in named for name in columns if name in impacts):
         kind = "number" if pd.api.types.is_numeric_dtype(impacts[column]) else "category"

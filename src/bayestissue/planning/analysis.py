@@ -16,7 +16,8 @@ from bayestissue.finished import read_run
 from bayestissue.fitting import resolve
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.formula import DEFAULT_FORMULA, judge
+from bayestissue.hierarchy.formulas.formula import DEFAULT_FORMULA
+from bayestissue.hierarchy.formulas.formula import resolve as resolve_formula
 from bayestissue.hierarchy.formulas.group_terms import quoted
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.hierarchy.specification import ModelSpecification
@@ -227,7 +228,7 @@ def _adapted(
             name = quoted([factor.name])
             wanted += f" + {name}" + (f" + (1|subject:{name})" if factor.within else "")
     missing = [q for q in RESPONSES if getattr(model.formula, q) is None]
-    return dict.fromkeys(missing, str(judge(wanted, design.rows(), reference).terms)) if missing else {}
+    return dict.fromkeys(missing, str(resolve_formula(wanted, design.rows(), reference).terms))
 
 
 def _questions(plan: PlanSpecification, source: str) -> list[Question]:

@@ -19,7 +19,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.formulas.formula import judge
+from bayestissue.hierarchy.formulas.formula import resolve
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.answers.contrasts import ALL, INTERACTION, contrasts_of
 from bayestissue.inference.answers.grammar import parse
@@ -88,7 +88,7 @@ def formula_of(rng: np.random.Generator, rows: pd.DataFrame) -> str:
     if "(log(mass_kg)|subject)" in slopes:
         groups = [term for term in groups if term != "(1|subject)"]
     wanted = " + ".join(dict.fromkeys([*main, *further, *interactions, *groups, *slopes]))
-    return str(judge(wanted, rows, REFERENCE).terms)
+    return str(resolve(wanted, rows, REFERENCE).terms)
 
 
 def drawn(design: Design, rng: np.random.Generator) -> xr.Dataset:

@@ -74,7 +74,7 @@ class Terms:
 
 
 @dataclass(frozen=True)
-class Judged:
+class ResolvedFormula:
     """A formula held against the rows that it is of.
 
     Attributes:
@@ -93,7 +93,7 @@ class Judged:
     faults: tuple[Fault, ...]
 
 
-def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
+def resolve(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> ResolvedFormula:
     """Read a formula, find every term of it that ``rows`` can't tell, and evaluate the others.
 
     Args:
@@ -108,7 +108,7 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
         terms, faults = _read(formula)
     except Exception as error:  # formulae's algebra of terms raises errors that share no base
         wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', _unread(formula, error), mendable=True)
-        default = judge(DEFAULT_FORMULA, rows, reference_mass_kg)
+        default = resolve(DEFAULT_FORMULA, rows, reference_mass_kg)
         return replace(default, faults=(wrong,))
     faults += [*_unknown(terms, rows), *unsuited_columns(terms.groups, rows)]
     terms = terms.without(fault.term for fault in faults)
@@ -120,8 +120,8 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
         if covariates is not None and not wrong_terms:
             wrong_terms = _dependent(terms, covariates, rows) or _aliased(terms, covariates, rows)
         if covariates is not None and not wrong_terms:
-            of_groups = {term: groups[term] for term in terms.groups}
-            return Judged(terms, covariates.columns, tuple(covariates.names), of_groups, tuple(faults))
+            of_groups, names = {term: groups[term] for term in terms.groups}, tuple(covariates.names)
+            return ResolvedFormula(terms, covariates.columns, names, of_groups, tuple(faults))
         faults += wrong_terms
         terms = terms.without(fault.term for fault in wrong_terms)
 
@@ -148,17 +148,17 @@ def _unread(formula: str, error: Exception) -> str:
     return words
 
 
-def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
+def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> ResolvedFormula:
     """`DEFAULT_FORMULA` less what ``rows`` can't tell, its faults being what is left out and why.
 
     Of two masses, one for each of two conditions, the exponent takes up all that differs between these.
     """
-    judged = judge(DEFAULT_FORMULA, rows, reference_mass_kg)
-    gone = next(filter(None, (told_by_mass(term, rows) for term in judged.groups)), None)
-    if gone is None or MASS_TERM not in judged.terms.common:
-        return judged
-    left = judge(str(judged.terms.without([gone.term])), rows, reference_mass_kg)
-    return replace(left, faults=(*judged.faults, gone))
+    resolved = resolve(DEFAULT_FORMULA, rows, reference_mass_kg)
+    gone = next(filter(None, (told_by_mass(term, rows) for term in resolved.groups)), None)
+    if gone is None or MASS_TERM not in resolved.terms.common:
+        return resolved
+    left = resolve(str(resolved.terms.without([gone.term])), rows, reference_mass_kg)
+    return replace(left, faults=(*resolved.faults, gone))
 
 
 @lru_cache
@@ -166,7 +166,7 @@ def terms_of(formula: str | None) -> Terms:
     """What a formula asks for, the default one where there is none; nothing if it can't be read."""
     try:
         return _read(formula or DEFAULT_FORMULA)[0]
-    except Exception:  # as in `judge`, which says what is wrong
+    except Exception:  # as in `resolve`, which says what is wrong
         return Terms({}, (), {})
 
 
@@ -264,7 +264,7 @@ def _covariates_of_groups(
         )
         try:
             of_slope = Covariates([term.slope], rows, reference_mass_kg)
-        except Exception:  # as in `judge`
+        except Exception:  # as in `resolve`
             faults.append(Fault(str(term), expected, _EVALUATES_TO_NOTHING, mendable=True))
             continue
         if of_slope.names not in ([term.slope.replace("`", "")], [term.slope]):
@@ -310,7 +310,7 @@ def _evaluated(
     """The covariates, where they can be evaluated, and the terms that can't be, or are not finite."""
     try:
         covariates = Covariates(terms.common, rows, reference_mass_kg)
-    except Exception:  # as in `judge`; each term by itself tells which it is of
+    except Exception:  # as in `resolve`; each term by itself tells which it is of
         return None, _unusable(terms, rows, reference_mass_kg)
     faults = []
     for term in dict.fromkeys(covariates.terms):

@@ -33,7 +33,7 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor, cell_factors
 from bayestissue.likelihood import small
 
 
-class EffectsConditional(NamedTuple):
+class EffectsPosterior(NamedTuple):
     """b given the hyperparameters and all data, less its prior mean: a normal of the precision's factors.
 
     Attributes:
@@ -100,7 +100,7 @@ class SitesByCell:
         prior_mean = expected_by_cell(self.design, self.mean)
         return cell_factors(covariances.of_impact(), prior_mean, self.sites)
 
-    def integrated(self, covariances: Covariances) -> tuple[EffectsConditional, Float[Array, ""]]:
+    def integrated(self, covariances: Covariances) -> tuple[EffectsPosterior, Float[Array, ""]]:
         """What is needed to draw b, and the log density of all sites, b and every u integrated out."""
         return integrate_effects(self.design, covariances, self.sums(covariances))
 
@@ -114,7 +114,7 @@ def log_density_of_cells(
 
 def integrate_effects(
     design: PopulationDesign, covariances: Covariances, sums: GaussianFactor
-) -> tuple[EffectsConditional, Float[Array, ""]]:
+) -> tuple[EffectsPosterior, Float[Array, ""]]:
     """What is needed to draw b, and `log_density_of_cells`.
 
     Args:
@@ -130,7 +130,7 @@ def integrate_effects(
 
 def effects_from_standard(
     design: PopulationDesign,
-    conditional: EffectsConditional,
+    conditional: EffectsPosterior,
     mean: Float[Array, " location"],
     standard: Float[Array, " location"] | None = None,
 ) -> Float[Array, " location"]:
@@ -156,7 +156,7 @@ def effects_from_standard(
 
 def standard_effects(
     design: PopulationDesign,
-    conditional: EffectsConditional,
+    conditional: EffectsPosterior,
     mean: Float[Array, " location"],
     b: Float[Array, " location"],
 ) -> Float[Array, " location"]:
@@ -175,7 +175,7 @@ def _elements(design: PopulationDesign) -> tuple[Array, Array]:
 
 def _eliminated(
     inner_prior: Array, outer_prior: Array, precision: Array, shift: Array, design: PopulationDesign
-) -> EffectsConditional:
+) -> EffectsPosterior:
     table = design.inner[0].shape[1:]
     inner, outer = design.inner, design.outer
     precision, shift = precision.reshape(*precision.shape[:2], *table), shift.reshape(len(shift), *table)
@@ -208,7 +208,7 @@ def _eliminated(
     right = jnp.concatenate([_flat(outer[a]).T @ _as_outer(shift[a], outer[a]) for a in size])
     outer_factor = jnp.linalg.cholesky(left)
     right = right - (coupling * half[:, None]).sum((0, 2))
-    return EffectsConditional(
+    return EffectsPosterior(
         factor, coupling, half, outer_factor, solve_triangular(outer_factor, right, lower=True)
     )
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from bayestissue.declarations import general
 from bayestissue.hierarchy.effects import intercept, parameter_of
-from bayestissue.hierarchy.formulas.formula import judge
+from bayestissue.hierarchy.formulas.formula import resolve
 from bayestissue.hierarchy.formulas.group_terms import (
     MASS_TERM,
     GroupTerm,
@@ -257,7 +257,7 @@ def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, str]:
                 term = _term(chosen, recorded)
                 formula = f"{recorded.formulas[q]} + {term}"
                 wider = replace(recorded, formulas={**recorded.formulas, q: formula})
-                if not judge(formula, recorded.rows, recorded.reference_mass_kg).faults and (
+                if not resolve(formula, recorded.rows, recorded.reference_mass_kg).faults and (
                     _value_if_fixed(sides, wider, None) is None
                 ):
                     missing.setdefault(term, q)

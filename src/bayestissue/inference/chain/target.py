@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int
 from bayestissue.hierarchy.gaussian.arrangement import expected, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import (
-    EffectsConditional,
+    EffectsPosterior,
     SitesByCell,
     effects_from_standard,
     integrate_effects,
@@ -62,7 +62,7 @@ class LogRatios(NamedTuple):
 class ConditionalEffects(NamedTuple):
     """b given the hyperparameters and what stands for the data, and the log density of these together."""
 
-    conditional: EffectsConditional
+    conditional: EffectsPosterior
     log_density: Float[Array, ""]
 
 

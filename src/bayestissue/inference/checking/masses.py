@@ -151,7 +151,7 @@ def judge_reference(reference: Reference) -> dict[str, Any]:
         many were of phantoms, and ``phantoms`` their names; ``first``, what the first line of the run says;
         ``words``.
     """
-    mean, sd = reference.apart
+    mean, sd = reference.by_phantoms
     passed = abs(mean) <= _LIMIT * np.hypot(sd, reference.mass_sd)
     low, middle, high = np.exp(reference.log_mean + reference.log_sd * HALF_WIDTH * np.array([-1, 0, 1]))
     off = 100 * (np.exp(-mean) - 1)

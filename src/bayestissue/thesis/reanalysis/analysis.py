@@ -249,7 +249,7 @@ class _Results:
             row = np.exp(derived.row_logs(design, population, q))
             values |= {q: row[..., published.impact_cell], f"{q}_cell": row[..., cell]}
         values |= levels | derived.new_impact(design, population, levels, rng)
-        return values | derived.straight_lines(design, population, published.cells["mass_kg"].to_numpy(float))
+        return values | derived.lines_of_means(design, population, published.cells["mass_kg"].to_numpy(float))
 
     def _replicates(self, population: derived.Draws, rng: np.random.Generator) -> dict[str, np.ndarray]:
         """Published quantities as the model makes them: an estimate a row, and averages of whole tables."""

@@ -28,7 +28,7 @@ from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import (
-    EffectsConditional,
+    EffectsPosterior,
     integrate_effects,
     log_density_of_cells,
 )
@@ -167,7 +167,7 @@ class Integrated(NamedTuple):
         log_density: of the rows and the hyperparameters.
     """
 
-    conditional: EffectsConditional
+    conditional: EffectsPosterior
     log_density: Float[Any, ""]
 
 
