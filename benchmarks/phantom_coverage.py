@@ -95,7 +95,7 @@ def study(number: int) -> tuple[bt.Dataset, pd.DataFrame]:
 
 def alone(dataset: bt.Dataset) -> bt.Dataset:
     """The people of the study."""
-    of_people = dataset.part(np.flatnonzero(dataset.impacts[REFERENCE[0]].isna()).tolist())
+    of_people = dataset.select(dataset.impacts[REFERENCE[0]].isna().to_numpy())
     impacts = of_people.impacts.drop(columns=list(REFERENCE)).reset_index(drop=True)
     return replace(of_people, impacts=impacts)
 

@@ -282,7 +282,7 @@ def without_short(dataset: Dataset, specification: ModelSpecification, source: s
     long_enough = ~dataset.impacts["impact"].isin(short).to_numpy()
     if not problems or not long_enough.any():
         return dataset
-    return replace(dataset.of(long_enough), left_out=(*dataset.left_out, *problems))
+    return replace(dataset.select(long_enough), left_out=(*dataset.left_out, *problems))
 
 
 def require_answerable(prepared: Prepared, specification: ModelSpecification, source: str) -> None:

@@ -59,7 +59,7 @@ def test_the_channel_comes_with_the_dataset_and_is_written_back(tmp_path: Path) 
     for one, other in zip(data.further[0], again.further[0], strict=True):
         np.testing.assert_array_equal(one.time_s, other.time_s)
         np.testing.assert_allclose(one.value, other.value, rtol=1e-12)
-    part = data.part([2])
+    part = data.select([2])
     (third,) = part.further[0]
     np.testing.assert_array_equal(third.value, data.further[0][2].value)
 

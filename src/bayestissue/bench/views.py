@@ -222,7 +222,7 @@ class DatasetView(DropsView):
         number = list(self._rows.index).index(impact) if impact in self._rows.index else None
         if number is None:
             raise KeyError(impact)
-        one = self.data.part(slice(number, number + 1))
+        one = self.data.select([number])
         return {"impact": impact, "study": {}, "trace": trace(impact_of(one))}
 
     def act(self, action: str, content: dict[str, Any]) -> None:

@@ -124,7 +124,7 @@ class Watch:
                 return self.impact(self.drops.all[-1].impact)
         if self.campaign.like is not None:
             data = read_dataset(self.campaign.like, skip_bad=True)
-            return impact_of(data.part(slice(1)))
+            return impact_of(data.select(slice(1)))
         time = np.arange(400) / 1e4 - 0.005
         value = np.where(time > 0, 100 * np.sin(80 * time) * np.exp(-10 * time), 0.0)
         noise = np.random.default_rng(0).normal(0, 0.3, len(time))

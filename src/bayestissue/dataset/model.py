@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -143,25 +143,20 @@ class Dataset(Outlined):
         object.__setattr__(self, "traces", Traces.of(self.traces))
         object.__setattr__(self, "further", tuple(map(Traces.of, self.further)))
 
-    def part(self, rows: slice | list[int]) -> Dataset:
-        """The dataset of some of its impacts, by their position."""
+    def select(self, which: slice | Sequence[int] | Bool[np.ndarray, " impact"]) -> Dataset:
+        """The dataset of some of its impacts, by their position or a truth value each, numbered anew."""
         return replace(
             self,
-            impacts=self.impacts.iloc[rows],
-            traces=self.traces[rows],
-            further=tuple(traces[rows] for traces in self.further),
+            impacts=self.impacts.iloc[which].reset_index(drop=True),
+            traces=self.traces[which],
+            further=tuple(traces[which] for traces in self.further),
         )
 
     @property
     def people(self) -> Dataset:
         """The dataset without impacts of springs and phantoms of known stiffness."""
         known = of_phantoms(self.impacts)
-        return self.of(~known) if known.any() else self
-
-    def of(self, chosen: Bool[np.ndarray, " impact"]) -> Dataset:
-        """The dataset of the chosen impacts alone, numbered anew."""
-        part = self.part(np.flatnonzero(chosen).tolist())
-        return replace(part, impacts=part.impacts.reset_index(drop=True))
+        return self.select(~known) if known.any() else self
 
     def cell(self, key: str, impact: str, column: str, value: object, **numbers: object) -> Problem:
         """What is wrong with a cell of the table of impacts, with its row there.

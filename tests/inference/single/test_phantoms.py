@@ -71,10 +71,10 @@ def test_errors_of_mass_and_gain_must_be_declared() -> None:
         "uncertainty.relative_mass_sd",
         "uncertainty.relative_gain_sd",
     }
-    springs = dataset.part(np.flatnonzero(of_phantoms(dataset.impacts)).tolist())
+    springs = dataset.select(of_phantoms(dataset.impacts))
     with pytest.raises(InputError, match="whose stiffness is not known"):
         apart(springs)
-    people = dataset.part(np.flatnonzero(~of_phantoms(dataset.impacts)).tolist())
+    people = dataset.select(~of_phantoms(dataset.impacts))
     assert apart(people) == (people, None)
 
 
@@ -145,7 +145,7 @@ def test_the_control_chart_goes_session_by_session() -> None:
     chart = control_chart(replace(dataset, impacts=dataset.impacts.assign(Session=sessions)))
     named = chart["label"].str.extract(r"^Session day (\d), (spring-.*)$")
     assert named[0].tolist() == ["1"] * 3 + ["2"] * 3
-    springs = dataset.of(of_phantoms(dataset.impacts))
+    springs = dataset.select(of_phantoms(dataset.impacts))
     in_table = springs.impacts["impact"].tolist()
     assert named[1].tolist() == in_table[::2] + in_table[1::2]
     plain = control_chart(dataset).set_index("label")["median"]

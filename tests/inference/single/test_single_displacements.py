@@ -109,7 +109,7 @@ def test_medians_and_intervals_are_those_of_direct_integration() -> None:
     """Over a grid of log K, log C, log noise and artanh theta1."""
     specification = read_specification(shared("models", "arma.toml"))
     alone = specification.model_copy(update={"formula": Formulas(K="1", C="1")})
-    case = prepare(recorded(0.02).part(slice(1)), alone, source="test")
+    case = prepare(recorded(0.02).select(slice(1)), alone, source="test")
     found = single_posteriors(case)
     priors = case.model.priors
     own = (priors.intercept.K, priors.intercept.C, priors.noise, priors.atanh_theta1)

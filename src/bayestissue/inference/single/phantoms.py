@@ -38,7 +38,7 @@ def apart(dataset: Dataset) -> tuple[Dataset, Reference | None]:
     if problems := _unfit(dataset, people=bool((~known).any())):
         raise InputError(problems)
     phantoms, people = (
-        _without_error(part, "relative_mass_sd") for part in (dataset.of(known), dataset.people)
+        _without_error(part, "relative_mass_sd") for part in (dataset.select(known), dataset.people)
     )
     people = replace(people, impacts=people.impacts.drop(columns=list(REFERENCE)))
     return people, _reference(dataset, phantoms)
@@ -91,7 +91,7 @@ def control_chart(dataset: Dataset) -> pd.DataFrame | None:
     known, chain = of_phantoms(dataset.impacts), dataset.uncertainty
     if not known.any() or dataset.quantity == "displacement":
         return None
-    phantoms = _without_error(dataset.of(known), "relative_mass_sd")
+    phantoms = _without_error(dataset.select(known), "relative_mass_sd")
     table = phantom_table(phantoms)
     stiffness, sd = (table[name].to_numpy(float) for name in REFERENCE)
     ends = {"median": "K_N_per_m", "low": "K_low_N_per_m", "high": "K_high_N_per_m"}

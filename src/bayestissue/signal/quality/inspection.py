@@ -47,7 +47,7 @@ def inspect(dataset: Dataset, options: SignalOptions | None = None) -> Findings:
     implied: list[velocity.Implied] = []
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
-        part = dataset.part(rows)
+        part = dataset.select(rows)
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
             for key, said in _inspected(part, options, implied):
