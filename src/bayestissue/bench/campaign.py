@@ -11,7 +11,7 @@ from pydantic import Field
 
 from bayestissue.dataset.cells import read_cells
 from bayestissue.dataset.files import Source
-from bayestissue.dataset.impacts import wanted
+from bayestissue.dataset.impacts import required_columns
 from bayestissue.dataset.recorders import SUFFIXES
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import (
@@ -124,7 +124,7 @@ class Campaign:
         known = {*self.facts, *(self.pattern.fields if self.pattern else ())}
         known |= set.intersection(*map(set, order)) if order else set()
         filled = {*map(fills, known), "impact"}
-        return [name for name in wanted(needs_velocity=True) if name not in filled]
+        return [name for name in required_columns() if name not in filled]
 
     def cells(self, file: str, *further: Mapping[str, str]) -> Cells:
         """The cells of `impacts.csv` of a recording.

@@ -28,7 +28,7 @@ from bayestissue.dataset.arrays import plain_text
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.cells import Records, read_cells
 from bayestissue.dataset.files import Source, suffix_of
-from bayestissue.dataset.impacts import REFERENCE, RESERVED, impact_table, wanted
+from bayestissue.dataset.impacts import REFERENCE, RESERVED, impact_table, required_columns
 from bayestissue.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.dataset.left_out import left_out_text, reasons, write_left_out
 from bayestissue.dataset.read import checked_dataset
@@ -232,7 +232,7 @@ class Drops:
 
     def _table(self) -> list[Cells]:
         """The rows of `impacts.csv`, as text."""
-        cells, rows = read_cells(Source(self.folder / IMPACTS, IMPACTS), wanted(needs_velocity=True))
+        cells, rows = read_cells(Source(self.folder / IMPACTS, IMPACTS), required_columns())
         refuse(impact_table(cells, rows, needs_velocity=True).problems)
         return [{str(k): v for k, v in row.items() if v} for row in cells.to_dict("records")]
 
@@ -509,7 +509,7 @@ def dataset_of(folder: Path, campaign: Campaign, row: Cells) -> Dataset:
     """
     settings = campaign.settings
     body = [[plain_text(value) for value in row.values()]]
-    cells, rows = Records(list(row), body, [2]).cells(wanted(needs_velocity=True))
+    cells, rows = Records(list(row), body, [2]).cells(required_columns())
     table = impact_table(cells, rows, needs_velocity=True)
     reading = read_files(folder, table, settings.signal)
     return replace(checked_dataset(settings, table, [reading]), folder=folder)

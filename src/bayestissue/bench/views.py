@@ -15,7 +15,7 @@ from bayestissue.bench.study import level
 from bayestissue.bench.verdict import verdict
 from bayestissue.bench.watching import Watch, numbers_of
 from bayestissue.dataset import read_dataset
-from bayestissue.dataset.impacts import wanted
+from bayestissue.dataset.impacts import required_columns
 from bayestissue.errors import InputError, printable
 from bayestissue.inference.points.notes import PHANTOM
 from bayestissue.inference.single.estimates import estimate
@@ -25,7 +25,7 @@ from bayestissue.words import PLAIN, Words
 # Of a trace: more points than a page has pixels.
 _POINTS = 600
 _NUMBERS = ("K", "C", "outcomes")
-_EDITABLE = (*wanted(needs_velocity=True)[1:], "side")
+_EDITABLE = (*required_columns()[1:], "side")
 
 
 # Of each file of the page, the files that it is put together of.

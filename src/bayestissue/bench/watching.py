@@ -26,7 +26,7 @@ from bayestissue.bench.study import Study
 from bayestissue.bench.verdict import Verdict, verdict
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.files import Source
-from bayestissue.dataset.impacts import wanted
+from bayestissue.dataset.impacts import required_columns
 from bayestissue.dataset.traces import Traces
 from bayestissue.errors import Coded, InputError, Problem, printable
 from bayestissue.figures.impacts import end
@@ -404,7 +404,7 @@ class Watch:
             except InputError:
                 facts[name] = False, None
             else:
-                lacking = own is None and not cells.keys() >= {*wanted(needs_velocity=True)[1:]}
+                lacking = own is None and not cells.keys() >= {*required_columns()[1:]}
                 facts[name] = lacking, cells
         return row_of, facts
 

@@ -14,7 +14,7 @@ import pandas as pd
 from bayestissue.dataset.cells import FILE as IMPACTS
 from bayestissue.dataset.cells import Records, column_problems
 from bayestissue.dataset.formats import Channel, Contents, Labels
-from bayestissue.dataset.impacts import impact_table, wanted
+from bayestissue.dataset.impacts import impact_table, required_columns
 from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.read import checked_dataset, in_words
 from bayestissue.dataset.recorders import at_own_clock, clocks_beside, long_reading, on_first_clock
@@ -88,8 +88,9 @@ def dataset(
             content["channel"] = _stated_channels(by_name, value_column)
         settings = parse_settings(content)
         signal, needs_velocity = settings.signal, settings.needs_velocity
+        required = required_columns(needs_velocity=needs_velocity)
         names, body = _texts(impacts)
-        cells, rows = Records(names, body, range(len(body))).cells(wanted(needs_velocity=needs_velocity))
+        cells, rows = Records(names, body, range(len(body))).cells(required)
         table = impact_table(cells, rows, needs_velocity=needs_velocity)
         listed = cells["impact"].tolist()
         with along_with(table.problems):

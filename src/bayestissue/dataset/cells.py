@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 import io
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -24,16 +25,21 @@ from bayestissue.results.tables import as_written
 FILE = "impacts.csv"
 REMEDY = "Write one: a header and one row per impact; docs/how-to/write-a-dataset.md shows how."
 
+# Columns of a height of fall, and how many metres their unit has.
+HEIGHTS = {"drop_height_m": 1.0, "drop_height_cm": 1e-2, "drop_height_mm": 1e-3}
 # The columns that a table of impacts is read by.
-_STANDARD = (
-    *declared(__package__, "columns.toml"),
-    *("drop_height_m", "drop_height_cm", "drop_height_mm"),
-)
+_STANDARD = (*declared(__package__, "columns.toml"), *HEIGHTS)
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 # What the column "subject" may be called, in small letters.
 _SUBJECTS = (
     *("patient", "participant", "person", "proband"),
     *("subject_id", "patient_id", "participant_id", "person_id"),
 )
+
+
+def number_in(text: str) -> float:
+    """The number that a cell holds, with a decimal point; not a number (nan) where it holds none."""
+    return float(text) if _NUMBER.fullmatch(text) else math.nan
 
 
 def with_subject(names: Sequence[str]) -> list[str]:

@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from bayestissue.dataset.files import FILES, Source, as_utf8, first_line, is_workbook, sheet_text
+from bayestissue.dataset.files import FILES, Source, as_utf8, is_workbook, require_lines, sheet_text
 from bayestissue.dataset.units import dimension_of
 from bayestissue.errors import InputError
 from bayestissue.settings import Table
@@ -361,7 +361,7 @@ def text_table(data: bytes, source: Source, *, wanted: Sequence[str] = (), named
         sheet, data = sheet_text(data, label, sheet)
         stated = stated.model_copy(update={"encoding": "utf-8", "delimiter": "comma"})
     data, encoding = as_utf8(data, label, stated.encoding)
-    first_line(data, label)
+    require_lines(data, label)
     head = data if len(data) <= FILES.head else data[: data.rfind(b"\n", 0, FILES.head) + 1 or FILES.head]
     text = head.decode("utf-8", "ignore")
     lines = _Lines.cut(text, DELIMITERS[stated.delimiter]) if stated.delimiter else _cut(text)

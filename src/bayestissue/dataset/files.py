@@ -186,23 +186,12 @@ def error_line(error: BaseException) -> str:
     return (str(error).splitlines() or [""])[0] or type(error).__name__
 
 
-def first_line(data: bytes, label: str) -> bytes:
-    """The first line of a text file, without its end and without a byte order mark.
-
-    Raises:
-        InputError: it is longer than any line of column names.
-    """
-    start = data[: FILES.longest_line].removeprefix(_UTF8_MARK)
-    line = start.split(b"\n", 1)[0].split(b"\r", 1)[0]
-    if len(line) == len(start) < len(data) - 3:
-        raise InputError.stated(
-            "not-text.first-line",
-            label,
-            row=1,
-            value=line[:60].decode("utf-8", "replace"),
-            longest=FILES.longest_line,
-        )
-    return line
+def require_lines(data: bytes, label: str) -> None:
+    """Refuse a text of UTF-8 whose first line is longer than any line of column names."""
+    line, longest = re.split(rb"[\r\n]", data[: FILES.longest_line], maxsplit=1)[0], FILES.longest_line
+    if len(line) == longest < len(data) - 3:
+        value = line[:60].decode("utf-8", "replace")
+        raise InputError.stated("not-text.first-line", label, row=1, value=value, longest=longest)
 
 
 def as_utf8(data: bytes, label: str, encoding: str | None = None) -> tuple[bytes, str]:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
-from bayestissue.dataset.cells import FILE, REMEDY, read_cells
+from bayestissue.dataset.cells import FILE, REMEDY, number_in, read_cells
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import Source
 from bayestissue.dataset.plausible import PLAUSIBLE
@@ -37,7 +37,6 @@ _NUMBERED = re.compile(r"\D{0,8}\d+")
 _DECLARED = declared(__package__, "columns.toml")
 # What each column is, for the manual; any other is a covariate.
 COLUMNS = {name: column["meaning"] + column.get("remark", "") for name, column in _DECLARED.items()}
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WHOLE_NUMBER = re.compile(r"(?<![\d.])(\d+)\.0+(?![\d.])")
 
 
@@ -70,7 +69,7 @@ def read_impacts(path: Path, *, needs_velocity: bool, stated: Stated | None = No
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
     source = Source.at(path, remedy=REMEDY, stated=stated)
-    cells, rows = read_cells(source, wanted(needs_velocity=needs_velocity))
+    cells, rows = read_cells(source, required_columns(needs_velocity=needs_velocity))
     return impact_table(cells, rows, needs_velocity=needs_velocity)
 
 
@@ -128,7 +127,7 @@ def counts(impacts: pd.DataFrame) -> str:
     return f"{len(impacts)}; subjects: {people}, trials: {trials}{phantoms}"
 
 
-def wanted(*, needs_velocity: bool) -> list[str]:
+def required_columns(*, needs_velocity: bool = True) -> list[str]:
     """The columns that a table of impacts must have."""
     return ["impact", "subject", "mass_kg", *(["velocity_m_s"] if needs_velocity else [])]
 
@@ -151,7 +150,7 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
     for name, column in columns.items():
         content[name] = column.texts
         if "unit" in _DECLARED.get(name, {}):
-            optional = name not in wanted(needs_velocity=needs_velocity)
+            optional = name not in required_columns(needs_velocity=needs_velocity)
             content[name], wrong = column.measured(optional=optional)
             problems += wrong
         elif name in CROP:
@@ -189,7 +188,7 @@ class _Column:
     @cached_property
     def numbers(self) -> np.ndarray:
         """Not a number (nan) where a cell holds none."""
-        return np.array([float(text) if _NUMBER.fullmatch(text) else np.nan for text in self.texts])
+        return np.array([number_in(text) for text in self.texts])
 
     @cached_property
     def empty(self) -> np.ndarray:

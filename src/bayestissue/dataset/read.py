@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64
 
+from bayestissue.dataset.cells import HEIGHTS
 from bayestissue.dataset.checks import OF_SAMPLES, against_first, check_recordings, stated_problems
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
@@ -33,8 +34,6 @@ from bayestissue.errors import InputError, Problem, along_with, collected
 from bayestissue.runtime import content_hash
 
 WORKBOOK = "impacts.xlsx"
-# Columns of a height of fall, and how many metres their unit has.
-_HEIGHTS = {"drop_height_m": 1.0, "drop_height_cm": 1e-2, "drop_height_mm": 1e-3}
 
 
 def read_dataset(path: str | Path, *, skip_bad: bool = False, whole: bool = False) -> Dataset:
@@ -209,12 +208,12 @@ def _falls_contradicted(signal: SignalSettings, table: ImpactTable) -> Iterator[
 
     A velocity that was measured, and not computed, is some hundredths lower in every row, which is no slip.
     """
-    columns = [name for name in _HEIGHTS if name in table.table]
+    columns = [name for name in HEIGHTS if name in table.table]
     if signal.gravity != "drop" or not columns:
         return
     (name, *_), velocity = columns, table.table["velocity_m_s"].to_numpy()
     height = pd.to_numeric(table.table[name], errors="coerce").to_numpy(float)
-    fallen = np.sqrt(2 * STANDARD_GRAVITY * _HEIGHTS[name] * np.where(height > 0, height, np.nan))
+    fallen = np.sqrt(2 * STANDARD_GRAVITY * HEIGHTS[name] * np.where(height > 0, height, np.nan))
     rounding = _last_digit(height) / (4 * height) * fallen + _last_digit(velocity) / 2
     off = np.abs(velocity - fallen)
     agree = off <= rounding * (1 + 1e-9)

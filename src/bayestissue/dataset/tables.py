@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pyarrow as pa
@@ -50,20 +51,19 @@ def read_table(
         InputError: the file can't be read, lacks a column or names it twice, or has rows of the wrong length.
     """
     data, label, wanted = source.read(), source.label, numbers or ()
+    parse: Callable[[Sequence[str], Sequence[str]], Contents]
     if source.suffix == ".parquet":
         schema = _schema(data, label)
         present, able = schema.names, [field.name for field in schema if _numeric(field.type)]
+        parse = partial(_parse_parquet, data, schema, label)
     else:
         text = text_table(data, source, wanted=[*labels, *optional(()), *wanted])
         present = text.names
         able = [name for name in present if name and not (text.clock and name.casefold() in CLOCK)]
+        parse = partial(_parse_text, text, label, whole=numbers is not None)
     further = [name for name in optional(present) if name in present]
     names = able if numbers is None else list(dict.fromkeys([*further, *wanted]))
-    if source.suffix == ".parquet":
-        table = _parse_parquet(data, schema, label, names, labels)
-    else:
-        table = _parse_text(text, label, names, labels, whole=numbers is not None)
-    table = replace(table, columns=tuple(present))
+    table = replace(parse(names, labels), columns=tuple(present))
     if numbers is not None:
         return table
     filled = {name: column for name, column in table.channels.items() if _holds_numbers(column)}

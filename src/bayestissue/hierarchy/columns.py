@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from bayestissue.dataset.cells import HEIGHTS
 from bayestissue.dataset.impacts import REFERENCE, RESERVED
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.formulas.formula import resolve
@@ -27,7 +28,7 @@ USUAL = (
         "sampling_rate_hz",
         *REFERENCE,
     ),
-    *("n", "drop_height_m", "drop_height_cm", "drop_height_mm"),
+    *("n", *HEIGHTS),
 )
 _DATE = r"(19|20)\d{6}|\d{4}-\d\d?-\d\d?([T ].*)?|\d\d?[./]\d\d?[./]\d{2,4}( .*)?|\d\d?:\d\d(:\d\d.*)?"
 

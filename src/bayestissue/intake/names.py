@@ -12,13 +12,13 @@ from pathlib import PurePosixPath
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from bayestissue.dataset.cells import HEIGHTS, number_in
 from bayestissue.dataset.files import Source
 from bayestissue.dataset.settings import STANDARD_GRAVITY
 from bayestissue.declarations import declared
 from bayestissue.errors import InputError, Problem, refuse
 from bayestissue.intake.folder import File
 
-_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 # 1,234 may be a thousand and some, or one and some.
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}", re.ASCII)
 
@@ -29,9 +29,7 @@ _FILLS: dict[str, tuple[str, float, float]] = {
     "velocity_cm_s": ("velocity_m_s", 1e-2, 1),
     "velocity_mm_s": ("velocity_m_s", 1e-3, 1),
     "diameter_mm": ("diameter_m", 1e-3, 1),
-    "drop_height_m": ("velocity_m_s", 2 * STANDARD_GRAVITY, 0.5),
-    "drop_height_cm": ("velocity_m_s", 2e-2 * STANDARD_GRAVITY, 0.5),
-    "drop_height_mm": ("velocity_m_s", 2e-3 * STANDARD_GRAVITY, 0.5),
+    **{name: ("velocity_m_s", 2 * metres * STANDARD_GRAVITY, 0.5) for name, metres in HEIGHTS.items()},
 }
 NUMBERS = {"mass_kg", "velocity_m_s", "sampling_rate_hz", "energy_J", "diameter_m", *_FILLS}
 
@@ -72,8 +70,7 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
             said = Problem.stated("open-mark", file, None, name, text, whole=whole, decimals=decimals)
             problems.append(said)
             continue
-        plain = text.strip().replace(",", ".")
-        value = float(plain) if _PLAIN.fullmatch(plain) else math.nan
+        value = number_in(text.strip().replace(",", "."))
         if not 0 < value < math.inf:
             problems.append(Problem.stated("impossible-value.fact", file, column=name, value=text, name=name))
             continue
