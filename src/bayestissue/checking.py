@@ -81,7 +81,7 @@ class Check(Result):
         """Whether the dataset is fine, in a few words."""
         left_out = len({problem.impact for problem in self.dataset.left_out})
         warned = len(kinds(self.warnings))
-        fine = f"no errors, {warned} warning{'s' if warned > 1 else ''}" if warned else "fine"
+        fine = f"no errors, {counted(warned, 'warning')}" if warned else "fine"
         fine += f" without the {counted(left_out, 'impact')} left out" if left_out else ""
         too_short = int((self.signal.n_below_limit < FEWEST_SAMPLES).sum())
         if not too_short:

@@ -32,6 +32,7 @@ from bayestissue.commands import (
 )
 from bayestissue.declarations import described
 from bayestissue.errors import InputError, PartialResultError, Problem, by_cause, more, printable
+from bayestissue.outline import counted
 
 # Of the process, and what each means.
 STATUSES = {
@@ -183,7 +184,7 @@ def _problems(error: InputError) -> str:
     if "--json" in sys.argv:
         return json.dumps({"problems": [p.as_dict() for p in error.problems]}, default=str)
     problems = by_cause(error.problems)
-    heading = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}; nothing was written."
+    heading = f"{counted(len(problems), 'problem')}; nothing was written."
     codes = more(problem.code for problem in problems)
     return "\n".join([heading, *(f"  {problem.with_code}" for problem in problems), codes])
 

@@ -105,7 +105,7 @@ def build(folder: Path, recordings: RecorderFolder, facts: Facts, choices: Choic
         write_left_out(folder, _reasons(problems, recordings, {row["impact"] for row in rows}))
         dataset = read_dataset(folder)
     signal = displacements(dataset)
-    return Built(dataset, signal, tuple(problems), _notes(dataset, signal, choices))
+    return Built(dataset, signal, tuple(problems), tuple(_notes(dataset, signal, choices)))
 
 
 def _of_another_force(choices: Choices, problems: Iterable[Problem]) -> tuple[Choices, list[str]] | None:
@@ -154,7 +154,7 @@ def _impact_name(file: Source) -> str:
 
 def _settings(choices: Choices, files: int) -> dict[str, Any]:
     names = f", names read as {choices.pattern}" if choices.pattern else ""
-    source = f"bayestissue init, from {files} recorder file{'s' if files > 1 else ''}{names}"
+    source = f"bayestissue init, from {counted(files, 'recorder file')}{names}"
     stated = {key: value for key, value in choices.settings.items() if value != {}}
     return {**stated, "source": source, "signal": {**stated.get("signal", {}), **choices.text}}
 
@@ -203,28 +203,26 @@ def _in_terms_of_init(problem: Problem) -> Problem:
     return problem
 
 
-def _notes(dataset: Dataset, signal: Displacements, choices: Choices) -> tuple[str, ...]:
-    notes = [] if any(dataset.uncertainty.model_dump().values()) else [said("notes.chain")]
-    if choices.beside and not choices.force:
-        force = choices.beside
-        words = said("notes.force", channel=force["value_column"], place=force["place"])
-        notes.append(words + (said("notes.turned") if "scale" in force else ""))
+def _notes(dataset: Dataset, signal: Displacements, choices: Choices) -> Iterator[str]:
     oriented = dataset.traces.slowing(dataset.quantity)
     traces = dict(zip(map(str, dataset.impacts["impact"]), oriented, strict=True))
     several = [] if choices.several else [impact for impact, trace in traces.items() if len(cut(trace)) > 1]
+    if several:
+        yield said("notes.several", impacts=first_of(several, 5))
     threshold = choices.threshold if choices.several else Cutting.threshold
-    alone = {impact: trace for impact, trace in traces.items() if impact not in several}
-    later = {impact: blow_again(trace, threshold=threshold) for impact, trace in alone.items()}
+    later = {name: blow_again(traces[name], threshold=threshold) for name in traces if name not in several}
     again = {impact: seconds for impact, seconds in later.items() if seconds is not None}
     if again:
         soonest = min(again.values())
-        named = first_of(list(again), 5)
-        notes.insert(0, said("notes.again", impacts=named, seconds=soonest, apart=soonest / 2))
+        yield said("notes.again", impacts=first_of(list(again), 5), seconds=soonest, apart=soonest / 2)
+    if not any(dataset.uncertainty.model_dump().values()):
+        yield said("notes.chain")
+    if choices.beside and not choices.force:
+        force = choices.beside
+        words = said("notes.force", channel=force["value_column"], place=force["place"])
+        yield words + (said("notes.turned") if "scale" in force else "")
     if _contact_untold(dataset, signal):
-        notes.append(said("notes.contact"))
-    if several:
-        notes.insert(0, said("notes.several", impacts=first_of(several, 5)))
-    return tuple(notes)
+        yield said("notes.contact")
 
 
 def _contact_untold(dataset: Dataset, signal: Displacements) -> bool:

@@ -31,13 +31,14 @@ from bayestissue.intake.choices import (
 from bayestissue.intake.facts import Facts, gather, told_by
 from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
 from bayestissue.intake.names import Pattern, guessed
-from bayestissue.outline import first_of
+from bayestissue.outline import counted, first_of, span
 from bayestissue.results import claim
 from bayestissue.settings import checked
 
 PAGE = "init.html"
-# Facts that tell recordings of one combination apart, and how many values of a fact a line shows.
-COUNTS, _SHOWN = ("n", "impact"), 8
+# Facts that tell recordings of one combination apart, how many values of a fact a line shows, and digits of a
+# count: all of them.
+COUNTS, _SHOWN, _WHOLE = ("n", "impact"), 8, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +81,12 @@ class Intake:
             count = Counter(f"{row[name]:.4g}" if isinstance(row[name], float) else row[name] for row in rows)
             values = first_of([f"{value} ({number})" for value, number in count.items()], _SHOWN)
             lines.append(f"  {name}: {len(count)}, {values}")
-        low, high = min(repeats.values()), max(repeats.values())
-        many = f"{low}" if low == high else f"{low} to {high}"
-        return [*lines, f"  recordings of each combination: {many}"]
+        return [*lines, f"  recordings of each combination: {span(list(repeats.values()), '', _WHOLE)}"]
 
     def listed(self) -> list[str]:
         """What was found, in lines: how many files, and of each channel its name, unit and samples."""
         files = self.recordings.files
-        total = f"{len(files)} recorder file{'s' if len(files) > 1 else ''}"
+        total = counted(len(files), "recorder file")
         return [
             f"{total} in {self.recordings.folder}, such as {files[0].name}. Channels:",
             *(
@@ -312,6 +311,4 @@ def _units(channels: list[ChannelSummary]) -> str:
 
 
 def _samples(channels: list[ChannelSummary]) -> str:
-    counts = [channel.samples for channel in channels]
-    low, high = min(counts), max(counts)
-    return f"{low} samples" if low == high else f"{low} to {high} samples"
+    return span([channel.samples for channel in channels], "samples", _WHOLE)
