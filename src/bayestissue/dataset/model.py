@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -143,7 +143,7 @@ class Dataset(Outlined):
         object.__setattr__(self, "traces", Traces.of(self.traces))
         object.__setattr__(self, "further", tuple(map(Traces.of, self.further)))
 
-    def select(self, which: slice | Sequence[int] | Bool[np.ndarray, " impact"]) -> Dataset:
+    def select(self, which: slice | list[int] | Bool[np.ndarray, " impact"]) -> Dataset:
         """The dataset of some of its impacts, by their position or a truth value each, numbered anew."""
         return replace(
             self,
