@@ -198,7 +198,14 @@ def _tables() -> dict[str, pd.DataFrame]:
     )
     audit = pd.DataFrame(
         [
-            ("Tables 5.2-5.9", "K/M hardly varies", "K free", "CV 1.4 %", "major", "K/M is constant."),
+            (
+                "Tables 5.2-5.9",
+                "K against the mass of the impactor",
+                "K free",
+                "CV 1.4 %",
+                "major",
+                "K/M is constant.",
+            ),
             ("Tables 5.2-5.9", "energy <is> not ½MV²", "0.75 J", "0.57 J", "major", "They do not agree."),
             ("Chapter 5", "implied penetration", "5 mm", "254 mm", "major", "Deeper than an arm is thick."),
             ("Table 5.10", "sd equals range", "1.977", "0.629", "minor", "A slip."),

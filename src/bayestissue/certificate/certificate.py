@@ -26,11 +26,11 @@ from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.fit import Say, sample
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
-from bayestissue.outline import Rows, counted, short
+from bayestissue.outline import Rows, short
 from bayestissue.paper.checklists import checklists, checklists_markdown
 from bayestissue.paper.text import text_of
 from bayestissue.report.certificate_page import TABLES, as_markdown, certificate_html
-from bayestissue.report.wording import listed
+from bayestissue.report.page import worded
 from bayestissue.result import Result
 from bayestissue.results.tables import table_of_rows
 
@@ -256,35 +256,11 @@ def _ranks_table(done: list[dict[str, Any]]) -> pd.DataFrame:
 def _verdict(fit: Fit, calibration: pd.DataFrame, failed: int, against: str) -> tuple[bool, str]:
     """Whether all is well, and a few sentences."""
     sound = bool(fit.diagnostics["passed"])
-    own = "" if sound else "The fit's own diagnostics FAILED: do not use its numbers. "
-    if against:
-        return sound, f"{own}The calibration could not be checked, since {against}."
-    refits = int(calibration["refits"].iloc[0])
-    wrong = calibration.loc[calibration["passed"] == 0, "quantity"].tolist()
-    shown = (
-        f"In {refits} studies drawn from this one's posterior, 90 % intervals held the truth of "
-        f"{_held('K', calibration)} and of {_held('C', calibration)} of the drawn impacts."
-    )
-    doubt = (
-        f" The chains of {counted(failed, 'refit')} did not pass their diagnostics; their ranks are counted."
-        if failed
-        else ""
-    )
-    if wrong:
-        return False, f"{own}NOT CALIBRATED: the ranks of {listed(wrong)} are not uniform. {shown}{doubt}"
-    count = len(calibration)
-    return sound, f"{own}The ranks of all {count} quantities are as a calibrated fit has them. {shown}{doubt}"
-
-
-def _held(q: str, calibration: pd.DataFrame) -> str:
-    """The share of the drawn impacts' intervals that held, in words."""
-    (row,) = calibration[calibration["quantity"] == f"{q} of drawn impacts"].to_dict("records")
-    return f"{q} in {100 * row['held']:.1f} ± {100 * row['held_se']:.1f} %"
+    words = worded("certificate", "verdict", sound, calibration.to_dict("records"), failed, against)
+    return sound and bool(calibration["passed"].all()), words
 
 
 def prior_words(sensitivity: pd.DataFrame) -> str:
     """Which results the priors move, in a sentence."""
     moved = sensitivity.loc[sensitivity["diagnosis"] != "\N{CHECK MARK}", "variable"].tolist()
-    if not moved:
-        return "No quantity of the population depends on its prior by more than the usual limit of 0.05."
-    return f"The prior has a part in {listed(moved)}: report these with another prior beside them."
+    return worded("certificate", "priors", moved)

@@ -19,7 +19,15 @@ from bayestissue.figures.theme import Figure
 from bayestissue.outline import counted, numbers_in_short
 from bayestissue.remedies import Code, entries
 from bayestissue.report import tables
-from bayestissue.report.wording import half_width, likelihood_words, listed, number, significant, with_error
+from bayestissue.report.wording import (
+    half_width,
+    likelihood_words,
+    listed,
+    number,
+    probability,
+    significant,
+    with_error,
+)
 from bayestissue.words import PLAIN, Words
 
 _BEGINS = '<meta charset="utf-8">'
@@ -141,7 +149,7 @@ def _environment() -> jinja2.Environment:
     )
     # How sentences of a template write numbers and names.
     written = (counted, general, half_width, likelihood_words, listed, number, numbers_in_short, significant)
-    for words in (prose, *written, with_error):
+    for words in (prose, *written, probability, with_error):
         environment.filters[words.__name__] = words
     for draw in (again, drawn):
         environment.filters[draw.__name__] = _in_the_pages_nouns(draw)

@@ -117,6 +117,7 @@ _TEXTS: dict[str, Callable[..., str]] = {
     "unit": lambda unit: "" if unit == "1" else unit,
     "scheme": lambda scheme: scheme.removeprefix("leave one ").removesuffix(" out"),
     "over": "{} over {}".format,
+    "passed": lambda passed: "yes" if passed else "NO",
     "numbers": lambda text: numbers_in_short(text.split()),
 }
 _NUMBERS: dict[str, Callable[..., str]] = {

@@ -15,6 +15,7 @@ import pandas as pd
 
 from bayestissue import runtime
 from bayestissue.outline import markdown_rows
+from bayestissue.report.tables import shown
 from bayestissue.results.tables import table_of_rows
 
 Say = Callable[[str, int, int], None]
@@ -99,10 +100,6 @@ def as_markdown(table: pd.DataFrame, record: Mapping[str, Any]) -> str:
     """The file to attach to a paper: verdict, date, versions, machine, and every check."""
     _, words = verdict(table)
     facts = {"date": record["started"], **record["versions"], **record["machine"]}
-    checks = [
-        (row["check"], row["what"], row["expected"], row["found"], "yes" if row["passed"] else "NO")
-        for row in table.to_dict("records")
-    ]
     return "\n".join(
         [
             "# Self-test of bayestissue",
@@ -111,7 +108,7 @@ def as_markdown(table: pd.DataFrame, record: Mapping[str, Any]) -> str:
             "",
             *markdown_rows(("", ""), facts.items()),
             "",
-            *markdown_rows(("check", "what", "expected", "found", "passed"), checks),
+            *shown("selftest", table).markdown(),
             "",
         ]
     )

@@ -103,20 +103,16 @@ def averaged_over(run: FitRun, variable: str) -> str:
 def averaged_sentence(run: FitRun, *, by_level: bool = True) -> str:
     """A sentence on what a typical or new person is averaged over, ``by_level`` with K and C by category."""
     over = averaged_over(run, "C_new" if run.element_alone else "K_new")
-    if not over:
-        return ""
-    sentences = [f"Averaged over {over}, each level with equal weight."]
-    for name in over.split(" and ") if by_level else ():
+    levels = {}
+    for name in over.split(" and ") if over and by_level else ():
         variables = {q: variable for q in QUANTITIES if (variable := run.of_levels(q, name))}
         if not variables or len(run.labels(name)) > LIMITS.categories:
             continue
-        levels = []
-        for index, label in enumerate(run.labels(name)):
-            spreads = {q: spread(run.draws(variable)[:, index]) for q, variable in variables.items()}
-            values = [f"{q} {value.value} {UNITS[q]} ({value.range})" for q, value in spreads.items()]
-            levels.append(f"{label} {listed(values)}")
-        sentences.append(f"By {name}, of a typical person: {'; '.join(levels)}.")
-    return " ".join(sentences)
+        levels[name] = {
+            label: [(q, UNITS[q], spread(run.draws(variable)[:, at])) for q, variable in variables.items()]
+            for at, label in enumerate(run.labels(name))
+        }
+    return worded("fit", "averaged", over, levels)
 
 
 def impact_sureness(run: FitRun, quantity: str) -> str:

@@ -12,6 +12,7 @@ import pandas as pd
 
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
+from bayestissue.report.page import worded
 from bayestissue.report.posterior import QUANTITIES
 from bayestissue.report.settings import LIMITS, WORTH
 from bayestissue.report.tables import Field, Row, Table, columns, number_field, shown, table_of
@@ -88,12 +89,8 @@ def declared_words(run: FitRun) -> str:
         for name, (words, shown) in _DECLARED.items()
         if declared.get(name)
     ]
-    if not parts:
-        return said("chain.undeclared")
-    words = said("chain.declared", parts=listed(parts))
-    shared = {"subject": "chain.of_persons", "mass": "chain.of_masses", "all": "chain.of_all"}
-    key = shared.get(run.record.get("model", {}).get("mass_error", "impact"))
-    return f"{words} {said(key)}" if key and declared.get("relative_mass_sd") else words
+    of_mass = run.record.get("model", {}).get("mass_error", "") if declared.get("relative_mass_sd") else ""
+    return worded("fit", "declared", parts, of_mass)
 
 
 def left_out_summary(run: FitRun) -> Table:

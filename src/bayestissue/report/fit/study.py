@@ -29,11 +29,9 @@ from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Field, Row, Table, columns, shown, table_of
 from bayestissue.report.wording import (
     Spread,
-    likelihood_words,
     listed,
     number,
     percent,
-    probability,
     significant,
 )
 
@@ -139,21 +137,8 @@ def equivalence(run: FitRun) -> float:
 
 
 def _contrast_words(row: dict[Any, Any], near: float, kind: str) -> str:
-    quantity, level, differs = row["quantity"], row["level"], f"differs by less than {percent(near)}"
-    if kind == INTERACTION:
-        (first, inner), (second, _) = _parted(row["factor"], level, row["against"])
-        quantity, level = f"{quantity}, {inner},", f"{first} than for {second}"
-        differs = f"is within {percent(near)} of none"
-    return said(
-        "study.contrast",
-        quantity=quantity,
-        likely=likelihood_words(row["p_direction"]),
-        what="greater" if row["ratio"] > 1 else "less",
-        level=level,
-        direction=probability(row["p_direction"]),
-        differs=differs,
-        equivalent=probability(row["p_equivalent"]),
-    )
+    parts = _parted(row["factor"], row["level"], row["against"]) if kind == INTERACTION else None
+    return worded("fit", "contrast", row, percent(near), parts)
 
 
 def conditions_words(run: FitRun) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,21 +10,19 @@ from typing import Any
 import numpy as np
 
 from bayestissue.dataset.published import read_published
-from bayestissue.declarations import sentences
 from bayestissue.figures.theme import Figure
 from bayestissue.inference.checking.findings import warned_codes
 from bayestissue.remedies import Code, codes_in
 from bayestissue.report import posterior
 from bayestissue.report.comparison import comparison_figure
-from bayestissue.report.page import render_page
+from bayestissue.report.page import render_page, worded
 from bayestissue.report.posterior import CONSTANT, FIXED, QUANTITIES, SURE, exponent, hypothesis_probability
-from bayestissue.report.wording import listed, percent, relative, significant
+from bayestissue.report.wording import listed, percent, relative
+from bayestissue.thesis.audit.findings import TEXTS
 from bayestissue.thesis.pages import published_figures, published_run
 from bayestissue.thesis.pages.published_run import PublishedRun, read_published_run
 from bayestissue.thesis.reproduction.conditions import Quantity
 from bayestissue.thesis.reproduction.relations import printed_line
-
-said = sentences(__package__)
 
 
 def natural_frequencies(run: PublishedRun) -> np.ndarray:
@@ -35,32 +32,18 @@ def natural_frequencies(run: PublishedRun) -> np.ndarray:
 
 def mass_conclusion(run: PublishedRun) -> str:
     """What the exponent of K says about where its dependence on mass comes from."""
-    beta = exponent(run, "K")
-    if beta is None:
-        return said("mass.no_exponent")
-    constant = hypothesis_probability(run, "K", CONSTANT)
-    fixed = hypothesis_probability(run, "K", FIXED)
-    if constant > SURE and constant_frequency_finding(run) is not None:
-        omega = natural_frequencies(run)
-        same = relative(np.sqrt(omega.max() / omega.min()) - 1)
-        return said("mass.rescaled", same=same)
-    if constant > SURE:
-        return said("mass.proportional")
-    if fixed > SURE:
-        return said("mass.fixed")
-    if beta.holds(0) or beta.holds(1):
-        return said("mass.undecided")
-    return said("mass.falls" if beta.high < 0 else "mass.faster" if beta.low > 1 else "mass.slower")
+    fixed, constant = (
+        hypothesis_probability(run, "K", hypothesis) > SURE for hypothesis in (FIXED, CONSTANT)
+    )
+    omega = natural_frequencies(run)
+    same = relative(np.sqrt(omega.max() / omega.min()) - 1)
+    found = constant_frequency_finding(run) is not None
+    return worded("published", "mass", exponent(run, "K"), fixed, constant, same if found else "")
 
 
 def constant_frequency_finding(run: PublishedRun) -> int | None:
     """The row of the audit that finds K/M (or ωₙ) constant, or None if the audit doesn't say so."""
-    text = run.audit["what"] + " " + run.audit["explanation"]
-    about_ratio = text.str.contains(r"K\s*/\s*M\b|ω_?n|ωₙ|omega_n|natural frequency", flags=re.IGNORECASE)
-    says_constant = text.str.contains(
-        r"constant|hardly|no information|does not vary|one curve|same", flags=re.IGNORECASE
-    )
-    rows = run.audit.index[about_ratio & says_constant & (run.audit["severity"] == "major")]
+    rows = run.audit.index[run.audit["what"] == TEXTS["constant_natural_frequency"]["what"]]
     return int(rows[0]) if len(rows) else None
 
 
@@ -72,15 +55,7 @@ def doubt_words(run: PublishedRun) -> str:
 
 def frequency_sentence(run: PublishedRun) -> str:
     """How much ωₙ varies over the conditions, beside how much the mass does."""
-    omega, mass = natural_frequencies(run), run.constant("mass_kg")
-    return said(
-        "mass.frequency",
-        count=len(mass),
-        masses=significant(mass.max() / mass.min(), 2),
-        frequencies=significant(omega.max() / omega.min(), 3),
-        low=significant(omega.min()),
-        high=significant(omega.max()),
-    )
+    return worded("published", "frequency", natural_frequencies(run), run.constant("mass_kg"))
 
 
 POPULATION = (
