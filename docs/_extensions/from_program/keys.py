@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from bayestissue.bench.campaign import CampaignSpecification
-from bayestissue.dataset.impacts import COLUMNS, wanted
+from bayestissue.dataset.impacts import COLUMNS, required_columns
 from bayestissue.dataset.settings import Settings
 from bayestissue.elements import element, element_names
 from bayestissue.hierarchy import priors
@@ -81,7 +81,7 @@ def dataset() -> str:
 
 def impacts() -> str:
     """Columns of impacts.csv."""
-    required = wanted(needs_velocity=True)
+    required = required_columns()
     rows = [
         (code(name), "required" if name in required else "", escaped(words))
         for name, words in COLUMNS.items()
