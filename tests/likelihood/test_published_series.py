@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache, partial
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -128,28 +128,12 @@ SEARCHED = 1e-4
 
 
 @cache
-def fitted(method: Literal["exact", "dds"]) -> tuple[PointFit, np.ndarray]:
-    """The estimators take a series for a motion sampled once a second; phi1, phi2, theta1 and variance."""
+def fitted() -> tuple[PointFit, np.ndarray]:
+    """The estimator takes a series for a motion sampled once a second; phi1, phi2, theta1 and variance."""
     _, x, lengths = padded()
     one = np.ones(len(x))
-    fit = fit_points(x, lengths, one, one, method)
+    fit = fit_points(x, lengths, one, one)
     return fit, np.stack([fit.phi1, fit.phi2, fit.theta1, np.square(fit.sigma_a)], axis=1)
-
-
-@pytest.mark.parametrize("name", list(SERIES))
-def test_the_exact_estimator_is_apart_from_the_maximum_by_the_start_alone(name: str):
-    """It takes the first two values as given, and the published maximum as of a stationary process.
-
-    The step from one maximum to the other is what two values can tell: less than half a standard error.
-    """
-    published, _ = SERIES[name], series(name)
-    (_, found), row = fitted("exact"), padded()[0].index(name)
-    value, slope, curvature = expansion(name, found, "free")
-    error = np.sqrt(np.diag(np.linalg.inv(curvature)))
-    assert (np.linalg.eigvalsh(curvature) > 0).all()
-    assert (np.abs(np.linalg.solve(curvature, slope)) < SEARCHED * error).all()
-    assert float(value) > float(expansion(name, as_published(), "free")[0])
-    assert (np.abs(found[row] - published.parameters) < 0.5 * error).all()
 
 
 def shocks(at: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -169,15 +153,15 @@ def minimum(x: np.ndarray, start: tuple[float, ...]) -> tuple[OptimizeResult, np
 def test_dds_is_conditional_least_squares_from_any_start(name: str):
     """Its own guess is a grid over all theta1, and the series' mean is the right centre here.
 
-    What is left between dds and the exact maximum is less than a tenth of a standard error.
+    What is left between dds and the exact maximum is less than 0.6 of a standard error.
     """
     x = series(name)
-    found, exact = (fitted(method)[1][padded()[0].index(name)] for method in ("dds", "exact"))
+    found, published = fitted()[1][padded()[0].index(name)], SERIES[name].parameters
     for start in (SERIES[name].parameters[:3], (1.0, -0.3, 0.0), (0.5, 0.0, 0.5)):
         theirs, error = minimum(x, start)
         assert (np.abs(found[:3] - theirs.x) < SEARCHED * error).all()
         assert found[3] == pytest.approx(2 * theirs.cost / (len(x) - 2), rel=1e-8)
-    assert (np.abs(found[:3] - exact[:3]) < 0.1 * error).all()
+    assert (np.abs(found[:3] - published[:3]) < 0.6 * error).all()
 
 
 @pytest.mark.parametrize("order", ["ARMA(2,1)", "AR(2)"])
@@ -190,7 +174,7 @@ def test_dataplot_ends_at_the_minimum_that_dds_has(name: str, order: str):
     """
     x, printed = series(name), DATAPLOT[name][order == "AR(2)"]
     best, error = minimum(x, printed.coefficients)
-    ours = best.x if order == "AR(2)" else fitted("dds")[1][padded()[0].index(name)][:3]
+    ours = best.x if order == "AR(2)" else fitted()[1][padded()[0].index(name)][:3]
     least, theirs = (np.square(shocks(at, x)).sum() for at in (ours, np.array(printed.coefficients)))
     deviation = np.sqrt(theirs / (len(x) - len(ours)))
     assert float(deviation) == pytest.approx(printed.deviation, rel=PRINTED_DIGITS)

@@ -6,11 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
 from bayestissue.inference.points.fit import _fit_batch, fit_points
 from bayestissue.inference.points.whiteness import LAGS, projected_portmanteau
-from bayestissue.likelihood import arma21_log_likelihood
 from bayestissue.likelihood.arma.arma21 import arma21_series
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
 
@@ -20,7 +18,6 @@ RATES = [2e3, pytest.param(1e4, marks=pytest.mark.long), 5e4]
 # Impacts simulated at once, whatever is asked for.
 MOST = 1000
 motion = jax.jit(impact_motion)
-exact = partial(fit_points, method="exact")
 
 
 def trace(
@@ -56,7 +53,7 @@ def test_noise_free_impacts_give_back_stiffness_and_damping(rate: float) -> None
     mass, zeta = (a.ravel() for a in np.meshgrid([0.1, 0.375, 1.0, 5.0], [0.02, 0.1, 0.5, 1.0, 1.5, 2.0]))
     damping = 2 * zeta * np.sqrt(K * mass)
     x, n = trace(np.full(24, K), damping, mass, rate)
-    fit = exact(x, n, np.full(24, 1 / rate), mass)
+    fit = fit_points(x, n, np.full(24, 1 / rate), mass)
     # the samples satisfy the recursion to 1e-16 of x; x'' is (omega dt)^2 > 1e-7 of it
     np.testing.assert_allclose(fit.K, K, rtol=1e-8)
     np.testing.assert_allclose(fit.C, damping, rtol=1e-8)
@@ -69,39 +66,24 @@ def test_noise_free_drops_give_back_stiffness_and_damping(rate: float) -> None:
     damping = 2 * zeta * np.sqrt(K * mass)
     x, n = trace(np.full(24, K), damping, mass, rate, 9.80665)
     given = (x, n, np.full(24, 1 / rate), mass)
-    fit, without = exact(*given, gravity=np.full(24, 9.80665)), exact(*given)
-    # As above; what each round leaves of an error of omega_n is some hundredths.
-    np.testing.assert_allclose(fit.K, K, rtol=1e-6)
-    np.testing.assert_allclose(fit.C, damping, rtol=1e-6)
+    fit, without = fit_points(*given, gravity=np.full(24, 9.80665)), fit_points(*given)
+    # What gravity adds to the second differences is taken for the same of all tissues.
+    for of_gravity, of_none, true in ((fit.K, without.K, K), (fit.C, without.C, damping)):
+        assert (np.abs(of_gravity / true - 1) < np.abs(of_none / true - 1)).all()
     assert (np.abs(without.K / K - 1) > 0.01).all()
-
-
-def test_exact_fit_is_the_maximum_of_the_likelihood() -> None:
-    x = driven(1, -0.4, 1e-7)[0]
-    fit = exact(x[None], np.array([len(x)]), np.array([DT]), np.array([0.666]))
-    at = np.array([fit.phi1[0], fit.phi2[0], fit.theta1[0], np.log(fit.sigma_a[0])])
-    best = float(arma21_log_likelihood(x, *at[:3], np.exp(at[3])))
-    # Of about a standard error.
-    scales = np.array([1e-6, 1e-6, 0.05, 0.05])
-
-    def loss(step: np.ndarray) -> float:
-        p = at + step * scales
-        return -float(arma21_log_likelihood(x, *p[:3], np.exp(p[3])))
-
-    found = minimize(loss, np.zeros(4), method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7})
-    # the search for theta1 ends within 1e-6 of its range, where the likelihood is flat
-    assert -found.fun <= best + 1e-5
 
 
 @pytest.mark.slow
 def test_centring_on_the_sample_mean_makes_a_mass_dependence() -> None:
     mass = np.array([0.375, 0.666, 1.0, 1.333])
     x, n = trace(np.full(4, K), np.full(4, C), mass, 1e4)
-    centred = fit_points(x, n, np.full(4, DT), mass, "dds")
+    inside = np.arange(x.shape[1]) < n[:, None]
+    mean = np.mean(x, axis=1, where=inside, keepdims=True)
+    centred = fit_points(np.where(inside, x - mean, 0.0), n, np.full(4, DT), mass)
     assert (centred.K > 2 * K).all()
     assert (np.diff(centred.C) > 0).all()
     assert (centred.C > 2 * C).all()
-    rest = exact(x, n, np.full(4, DT), mass)
+    rest = fit_points(x, n, np.full(4, DT), mass)
     np.testing.assert_allclose(rest.K, K, rtol=1e-8)
     np.testing.assert_allclose(rest.C, C, rtol=1e-8)
 
@@ -109,7 +91,7 @@ def test_centring_on_the_sample_mean_makes_a_mass_dependence() -> None:
 @pytest.mark.slow
 def test_conditional_fit_is_the_least_sum_of_squares() -> None:
     x = driven(1, 0.3, 1e-7)[0]
-    fit = fit_points(x[None], np.array([len(x)]), np.array([DT]), np.array([0.666]), "dds")
+    fit = fit_points(x[None] - x.mean(), np.array([len(x)]), np.array([DT]), np.array([0.666]))
 
     def squares(p: np.ndarray) -> float:
         centred, total, shock = x - x.mean(), 0.0, 0.0
@@ -126,7 +108,6 @@ def test_conditional_fit_is_the_least_sum_of_squares() -> None:
 
 @pytest.mark.slow
 def test_accelerometer_noise_leaves_the_estimates_good() -> None:
-    # twice integrated white noise is no ARMA(2,1): theta1 runs to -1
     count, mass = 400, 0.666
     omega_n, zeta = spring_damper_inverse(K, C, mass)
     time = np.arange(int(time_to_peak(omega_n, zeta) / DT)) * DT
@@ -137,19 +118,18 @@ def test_accelerometer_noise_leaves_the_estimates_good() -> None:
     velocity_error[:, 1:] = -np.cumsum((noisy[:, 1:] + noisy[:, :-1]) / 2, axis=1) * DT
     x_error[:, 1:] = np.cumsum((velocity_error[:, 1:] + velocity_error[:, :-1]) / 2, axis=1) * DT
     x = np.asarray(clean.displacement) + x_error
-    fit = exact(x, np.full(count, len(time)), np.full(count, DT), np.full(count, mass))
+    fit = fit_points(x, np.full(count, len(time)), np.full(count, DT), np.full(count, mass))
     assert np.median(np.abs(fit.K / K - 1)) < 0.01
     assert np.median(np.abs(fit.C / C - 1)) < 0.01
-    assert np.mean(fit.theta1_at_limit) > 0.9
 
 
 @pytest.mark.slow
 def test_impacts_of_different_length_do_not_see_each_other() -> None:
     x = driven(4, -0.3, 1e-8)
     lengths = np.array([60, x.shape[1], 120, 90])
-    together = exact(x, lengths, np.full(4, DT), np.full(4, 0.666))
+    together = fit_points(x, lengths, np.full(4, DT), np.full(4, 0.666))
     for i, n in enumerate(lengths):
-        alone = exact(x[i : i + 1, :n], np.array([n]), np.array([DT]), np.array([0.666]))
+        alone = fit_points(x[i : i + 1, :n], np.array([n]), np.array([DT]), np.array([0.666]))
         assert together.K[i] == pytest.approx(alone.K[0], rel=1e-6)
 
 
@@ -157,20 +137,20 @@ def test_impacts_of_different_length_do_not_see_each_other() -> None:
 def test_many_impacts_compile_once() -> None:
     x = driven(600, -0.3, 1e-8)
     before = _fit_batch._cache_size()
-    exact(x, np.full(600, x.shape[1]), np.full(600, DT), np.full(600, 0.666))
+    fit_points(x, np.full(600, x.shape[1]), np.full(600, DT), np.full(600, 0.666))
     assert _fit_batch._cache_size() - before <= 1
 
 
 def test_too_short_is_refused() -> None:
     x = np.ones((1, 7))
     with pytest.raises(ValueError, match="eight samples"):
-        exact(x, np.array([7]), np.array([DT]), np.array([1.0]))
+        fit_points(x, np.array([7]), np.array([DT]), np.array([1.0]))
 
 
 def test_no_impacts_and_no_motion_are_no_reason_to_fail() -> None:
-    none = exact(np.empty((0, 20)), np.empty(0, int), np.empty(0), np.empty(0))
+    none = fit_points(np.empty((0, 20)), np.empty(0, int), np.empty(0), np.empty(0))
     assert none.K.shape == (0,)
-    still = exact(np.zeros((2, 20)), np.array([20, 12]), np.full(2, DT), np.ones(2))
+    still = fit_points(np.zeros((2, 20)), np.array([20, 12]), np.full(2, DT), np.ones(2))
     assert np.isnan(still.K).all()
 
 

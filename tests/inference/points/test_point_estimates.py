@@ -28,10 +28,10 @@ DDS = [*COLUMNS, "notes"]
 thesis = partial(bt.estimate, method="dds")
 
 
-def exact(dataset: Dataset) -> PointFit:
-    """Maximum likelihood of displacements by the default signal chain, whose errors it then has."""
+def about_rest(dataset: Dataset) -> PointFit:
+    """Least squares of displacements by the default signal chain, whose errors it then has."""
     signal = displacements(dataset)
-    return fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, "exact")
+    return fit_points(signal.x, signal.n_samples, signal.dt, signal.mass)
 
 
 @jax.jit
@@ -89,7 +89,7 @@ def test_noise_free_decelerations_give_back_stiffness_and_damping(
     mass, zeta = (a.ravel() for a in np.meshgrid(masses, ratios))
     K = np.full(len(mass), 3000.0)
     C = 2 * zeta * np.sqrt(K * mass)
-    fit = exact(recorded(K, C, mass, rate, before=before, after=after))
+    fit = about_rest(recorded(K, C, mass, rate, before=before, after=after))
     # the promise of the default: a tenth of a per cent
     np.testing.assert_allclose(fit.K, K, rtol=1e-3)
     np.testing.assert_allclose(fit.C, C, rtol=1e-3)
@@ -99,7 +99,7 @@ def test_noise_free_decelerations_give_back_stiffness_and_damping(
 def test_accelerometer_noise_of_half_a_per_cent_costs_less_than_one() -> None:
     count = 90
     mass = np.resize([0.375, 0.666, 1.0, 1.333], count)
-    fit = exact(recorded(np.full(count, 3000.0), np.full(count, 25.0), mass, 1e4, noise=0.005))
+    fit = about_rest(recorded(np.full(count, 3000.0), np.full(count, 25.0), mass, 1e4, noise=0.005))
     assert np.median(np.abs(fit.K / 3000 - 1)) < 0.01
     assert np.median(np.abs(fit.C / 25 - 1)) < 0.01
 

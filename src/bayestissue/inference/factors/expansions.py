@@ -32,7 +32,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     if prepared.model.kind == "impact":
         (K, C), fit = _of_motion(signal), None
     else:
-        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, "exact", gravity=signal.gravity)
+        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass, signal.gravity)
         K, C = fit.K, fit.C
     stiffness = np.where(np.isfinite(K) & (K > 0), K, signal.mass * (np.pi / 2 / signal.time_to_peak) ** 2)
     lightly = 0.1 * np.sqrt(stiffness * signal.mass)

@@ -63,11 +63,11 @@ def thesis_table(dataset: Dataset, signal: Displacements, findings: Findings) ->
         findings: what `bayestissue.signal.quality.inspect` found; flagged.
     """
     rows = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.clipped.any(axis=1)
-    # Deviations from the mean of the window (section 2.3); the fit takes off what rounding leaves of it.
+    # Deviations from the mean of the window (section 2.3).
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     mean = signal.x.sum(axis=1) / np.maximum(signal.n_samples, 1)
     x = np.where(inside, signal.x - mean[:, None], 0.0)
-    fit = fit_points(x[rows], signal.n_samples[rows], signal.dt[rows], signal.mass[rows], "dds")
+    fit = fit_points(x[rows], signal.n_samples[rows], signal.dt[rows], signal.mass[rows])
     values = {name: in_rows(column, rows) for name, column in fit._asdict().items()}
     K, C, noiseless, all_of_them = values["K"], values["C"], values["noiseless"], np.ones(len(rows), bool)
     with np.errstate(invalid="ignore"):

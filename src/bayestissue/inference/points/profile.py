@@ -1,23 +1,23 @@
-"""ARMA(2,1) coefficients of many impacts at once: by the exact likelihood, or the thesis's least squares.
+"""ARMA(2,1) coefficients of many impacts at once, by the thesis's conditional least squares (section 2.3).
 
-Given theta1 the residual is linear in c1 = 2 - phi1 and c2 = 1 - phi1 - phi2, so these are solved for
-and one dimension is left to search: on a grid, since the likelihood of a moving average may have several
-maxima, and on ever finer ones around the best point. theta1 = tanh(eta) is finest towards -1 and 1.
+The shocks are run forward as a_t = w_t + theta1 a_{t-1} from a_2 = 0, with
+
+    w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2},   c1 = 2 - phi1,   c2 = 1 - phi1 - phi2,
+
+and their sum of squares is least. Given theta1 it is quadratic in c1 and c2, so these are solved for and one
+dimension is left to search: on a grid, since the sum may have several minima, and on ever finer ones around
+the best point. theta1 = tanh(eta) is finest towards -1 and 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Float
-
-from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
-from bayestissue.likelihood.transforms import SineTransforms
+from jaxtyping import Bool, Float
 
 GRID = 17
 ROUNDS = 7
@@ -26,7 +26,7 @@ ROUNDING = (64 * 2.2e-16) ** 2
 
 
 class Moments(NamedTuple):
-    """Sums of products of the three columns, weighted by the inverse covariance for one theta1.
+    """Sums of products of the shocks of three columns, for one theta1 of each impact.
 
     Attributes:
         m00, m01, m02, m11, m12, m22: of the columns residual (0), x'_{t-1} (1) and x_{t-2} (2).
@@ -46,7 +46,7 @@ class Profile(NamedTuple):
     Attributes:
         c1, c2: coefficients.
         theta1: moving-average coefficient.
-        form: weighted sum of squares at the optimum.
+        form: sum of squares at the optimum.
         floor: the sum of squares that rounding alone would leave.
     """
 
@@ -57,50 +57,59 @@ class Profile(NamedTuple):
     floor: Float[Array, " impact"]
 
 
-Columns = tuple[Array, Array, Array]
-Summation = Callable[[Columns, Array], Moments]
+class Columns(NamedTuple):
+    """What w_t is linear in, 0 past the end of an impact.
+
+    Attributes:
+        w: x''_t, to which c1 and c2 times the others are added.
+        slope: x'_{t-1}.
+        x: x_{t-2}.
+    """
+
+    w: Float[Array, "sample impact"]
+    slope: Float[Array, "sample impact"]
+    x: Float[Array, "sample impact"]
+
+    def with_step(self, c1: Array, c2: Array) -> Columns:
+        """The same with c1 and c2 so much greater."""
+        return self._replace(w=self.w + c1 * self.slope + c2 * self.x)
 
 
-def profile_fit(
-    columns: Columns,
-    size: Float[Array, " impact"],
-    summation: Summation,
-    log_scale: Callable[[Array], Array],
-    residual: Callable[[Columns, Array, Array], Array],
+def fit_conditional(
+    x: Float[Array, "impact sample"], size: Float[Array, " impact"], fall: Float[Array, " impact"]
 ) -> Profile:
-    """Maximise over theta1 in [-1, 1] the likelihood with c1, c2 and sigma_a at their best.
+    """The least sum of squares over theta1 in [-1, 1], c1 and c2.
 
     Args:
-        columns: x''_t, x'_{t-1} and x_{t-2}, in the form that ``summation`` takes.
-        size: number of residuals of each impact.
-        summation: moments of three columns for a theta1 of each impact.
-        log_scale: log determinant of the covariance for a theta1 of each impact.
-        residual: first column plus c1 times the second plus c2 times the third.
+        x: deviations from whatever is taken for the equilibrium.
+        size: number of shocks of each impact, two less than there are samples.
+        fall: what a constant force adds to every x''_t.
     """
-    start = _start(columns, size, summation, residual)
-    left = (residual(columns, start.c1, start.c2), *columns[1:])
+    inside = (jnp.arange(x.shape[1] - 2) < size[:, None]).T
+    slope = jnp.diff(x, axis=1)
+    series = jnp.diff(slope, axis=1) - fall[:, None], slope[:, :-1], x[:, :-2]
+    columns = Columns(*(jnp.where(inside, part.T, 0.0) for part in series))
+    start = _start(columns, inside)
+    left = columns.with_step(start.c1, start.c2)
 
     def loss(theta1: Array) -> Array:
-        form = _least(summation(left, theta1), start.floor)
-        return (size * jnp.log(form) + log_scale(theta1)) / 2
+        return size * jnp.log(_least(_moments(left, theta1, inside), start.floor)) / 2
 
     theta1 = _search(loss, size)
-    best = summation(left, theta1)
-    step = _solve(best)
-    return Profile(start.c1 + step[0], start.c2 + step[1], theta1, _least(best, start.floor), start.floor)
+    best = _moments(left, theta1, inside)
+    c1, c2 = _solve(best)
+    return Profile(start.c1 + c1, start.c2 + c2, theta1, _least(best, start.floor), start.floor)
 
 
-def _start(
-    columns: Columns, size: Array, summation: Summation, residual: Callable[[Columns, Array, Array], Array]
-) -> Profile:
+def _start(columns: Columns, inside: Bool[Array, "sample impact"]) -> Profile:
     """Least squares for theta1 = 0 in two steps: what the first leaves may be less than its rounding."""
-    zero = jnp.zeros_like(size)
+    zero = jnp.zeros_like(columns.x[0])
 
     def refine(step: int, now: Profile) -> Profile:
-        moments = summation((residual(columns, now.c1, now.c2), *columns[1:]), zero)
+        moments = _moments(columns.with_step(now.c1, now.c2), zero, inside)
         c1, c2 = _solve(moments)
         terms = moments.m00 + c1**2 * moments.m11 + c2**2 * moments.m22
-        floor = jnp.where(step == 0, ROUNDING * terms + jnp.finfo(size.dtype).tiny, now.floor)
+        floor = jnp.where(step == 0, ROUNDING * terms + jnp.finfo(zero.dtype).tiny, now.floor)
         return Profile(now.c1 + c1, now.c2 + c2, zero, zero, floor)
 
     return jax.lax.fori_loop(0, 2, refine, Profile(*(zero,) * 5))
@@ -135,47 +144,7 @@ def _theta(eta: Array, reach: Array) -> Array:
     return jnp.tanh(eta) / jnp.tanh(reach)
 
 
-def fit_exact(data: SineTransforms) -> Profile:
-    """The maximum of the exact likelihood with a free start."""
-    return profile_fit(
-        (data.columns[0], data.columns[1], data.columns[2]),
-        data.size,
-        partial(_exact_moments, spread=data.spread),
-        lambda theta1: log_determinant(theta1, data.size),
-        lambda c, c1, c2: c[0] + c1[:, None] * c[1] + c2[:, None] * c[2],
-    )
-
-
-def _exact_moments(columns: Columns, theta1: Array, *, spread: Array) -> Moments:
-    y0, y1, y2 = columns
-    over = 1 / eigenvalues(theta1[:, None], spread)
-    z0, z1 = y0 * over, y1 * over
-    return Moments(*sums_over_frequencies((y0 * z0, y1 * z0, y2 * z0, y1 * z1, y2 * z1, y2 * y2 * over)))
-
-
-def fit_conditional(data: SineTransforms) -> Profile:
-    """The thesis's conditional least squares (section 2.3).
-
-    The shocks are run forward as a_t = w_t + theta1 a_{t-1} from a_2 = 0, and their sum of squares is least.
-
-    ``data.x`` holds deviations from whatever is taken for the equilibrium; its transforms are not used.
-    """
-    x = data.x
-    counts = (jnp.arange(x.shape[1] - 2) < data.size[:, None]).T
-    slope = jnp.diff(x, axis=1)
-    columns = tuple(
-        jnp.where(counts, series.T, 0.0) for series in (jnp.diff(slope, axis=1), slope[:, :-1], x[:, :-2])
-    )
-    return profile_fit(
-        columns,  # type: ignore[arg-type]
-        data.size,
-        partial(_conditional_moments, counts=counts),
-        jnp.zeros_like,
-        lambda c, c1, c2: c[0] + c1 * c[1] + c2 * c[2],
-    )
-
-
-def _conditional_moments(columns: Columns, theta1: Array, *, counts: Array) -> Moments:
+def _moments(columns: Columns, theta1: Array, inside: Bool[Array, "sample impact"]) -> Moments:
     def step(carry: tuple[Array, Moments], part: tuple[Array, ...]) -> tuple[tuple[Array, Moments], None]:
         shocks, totals = carry
         *values, now = part
@@ -186,5 +155,5 @@ def _conditional_moments(columns: Columns, theta1: Array, *, counts: Array) -> M
 
     zero = jnp.zeros_like(theta1)
     start = (jnp.zeros((3, len(theta1)), theta1.dtype), Moments(*(zero,) * 6))
-    (_, totals), _ = jax.lax.scan(step, start, (*columns, counts))
+    (_, totals), _ = jax.lax.scan(step, start, (*columns, inside))
     return totals
