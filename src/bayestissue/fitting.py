@@ -31,7 +31,7 @@ from bayestissue.hierarchy.trace_data import (
     too_short,
     with_discrepancy,
 )
-from bayestissue.inference.answers.agreement import agreement
+from bayestissue.inference.answers.reliability import agreement
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import another_element, model_form
 from bayestissue.inference.checking.findings import (

@@ -18,6 +18,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "exit statuses": commands.statuses,
     "element models": elements.models,
     "element laws": elements.laws,
+    "outcomes": elements.outcomes,
     "model keys": keys.model,
     "dataset.toml keys": keys.dataset,
     "impacts.csv columns": keys.impacts,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bayestissue.elements import Element, element
+from bayestissue.elements.outcomes import DECLARED
 from bayestissue.resources import model_content, shared
 from from_program.markdown import code, escaped, table
 
@@ -28,3 +29,18 @@ def _models() -> Iterator[tuple[str, Element]]:
         (each["name"], element(each["element"])) for each in contents if each.get("likelihood") == "impact"
     ]
     yield from sorted(found, key=lambda one: (one[0] != "impact", one[0]))
+
+
+def outcomes() -> str:
+    """What an impact comes to: each outcome with its column, unit, formula and source."""
+    rows = (
+        (
+            code(name),
+            code(one.column),
+            one.shown[1] if one.shown[2] == 1 else one.unit,
+            one.formula,
+            one.source,
+        )
+        for name, one in DECLARED.items()
+    )
+    return table(["variable", "column of `predict`", "unit", "formula", "source"], rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
+from bayestissue.declarations import declared
 from bayestissue.elements.element import (
     GRAVITY,
     Element,
@@ -25,16 +27,30 @@ from bayestissue.elements.element import (
 from bayestissue.elements.head_injury import LONGEST, SEARCH, head_injury, pulse_of
 from bayestissue.elements.impact import LONG, Path, prepared
 
-# What a lab asks of an impact; the first of them are those that its measured motion tells.
-MEASURED = ("peak_force", "peak_deceleration", "peak_depth", "time_to_peak")
-OUTCOMES = (
-    *(*MEASURED, "contact_duration", "rebound_velocity", "restitution", "impulse", "peak_jerk"),
-    *("energy_absorbed", "energy_share", "energy_share_with_gravity"),
+
+class Outcome(NamedTuple):
+    """What is said of an outcome beside its number: an entry of ``outcomes.toml``."""
+
+    unit: str
+    meaning: str
+    column: str
+    shown: tuple[str, str, float]
+    formula: str
+    source: str
+    measured: bool = False
+    compared: bool = False
+    never: bool = False
+    first: int = 0
+
+
+# What a lab asks of an impact, and of a headform's.
+DECLARED = {name: Outcome(**entry) for name, entry in declared(__package__, "outcomes.toml").items()}
+HEADFORM_OUTCOMES = tuple(DECLARED)
+OUTCOMES = tuple(name for name in DECLARED if name not in LONGEST)
+MEASURED, REFERENCE_OUTCOMES, NEVER = (
+    tuple(name for name, one in DECLARED.items() if getattr(one, mark))
+    for mark in ("measured", "compared", "never")
 )
-# A headform's too.
-HEADFORM_OUTCOMES = (*OUTCOMES, *LONGEST)
-# What may never happen, on a tissue that is never left.
-NEVER = ("time_to_peak", "contact_duration", "impulse")
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 # Between the nodes beside the greatest force or jerk, which are 1 % of a contact apart.
 _BETWEEN = np.linspace(0.0, 1.0, 17)

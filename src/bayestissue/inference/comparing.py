@@ -12,6 +12,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.elements.outcomes import DECLARED, REFERENCE_OUTCOMES
 from bayestissue.errors import Coded
 from bayestissue.inference.answers.predictions import predicted
 from bayestissue.inference.answers.study import Study
@@ -27,7 +28,7 @@ from bayestissue.inference.results.cross_validation import (
     schemes,
 )
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
-from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, meaning
+from bayestissue.inference.results.meanings import meaning
 from bayestissue.inference.samplers.sampling import interval
 from bayestissue.results.tables import columns_of, joined
 
@@ -138,7 +139,7 @@ def _standard_errors(values: Float[np.ndarray, "model element"]) -> Float[np.nda
 
 # By what it is called: the unit of an outcome of the reference impact.
 OF_OUTCOMES = {
-    f"{name}_{level}": element_attributes()[name]["unit"]
+    f"{name}_{level}": DECLARED[name].unit
     for level in ("typical_person", "new", "subject")
     for name in REFERENCE_OUTCOMES
 }

@@ -12,8 +12,8 @@ import pandas as pd
 from markupsafe import Markup
 
 from bayestissue.declarations import declared
+from bayestissue.elements.outcomes import DECLARED
 from bayestissue.inference.answers.contrasts import INTERACTION
-from bayestissue.inference.answers.predictions import QUANTITIES as PREDICTIONS
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import findings
 from bayestissue.inference.results.meanings import TOGETHER, meaning, outcome_name
@@ -23,7 +23,7 @@ from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
 from bayestissue.report.page import worded
 from bayestissue.report.posterior import QUANTITIES, exponent, levels, spread
-from bayestissue.report.wording import PREDICTED, Spread, listed
+from bayestissue.report.wording import Spread, listed
 from bayestissue.words import PLAIN, Words
 
 _ERRORS = {
@@ -186,7 +186,7 @@ def _outcomes(run: FitRun, asked: Study) -> str:
         return ""
     parts = []
     for name, draws in values.items():
-        _, unit, factor = PREDICTED[PREDICTIONS[name]]
+        _, unit, factor = DECLARED[str(name)].shown
         shown = spread(factor * draws.to_numpy().ravel())
         parts.append(f"{outcome_name(name)} {shown.value} {unit} ({shown.range})")
     mass, velocity = (float(asked.motion([{}])[name][0]) for name in ("mass_kg", "velocity_m_s"))

@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.elements.outcomes import DECLARED
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.results.labels import element_attributes
 from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.inference.samplers.sampling import interval
 from bayestissue.paper import PRINT
@@ -132,7 +132,7 @@ def _outcomes(
         chosen = (of_cell == cell).to_numpy()
         of_levels = f"{', '.join(factors)} {cell}; " if factors else ""
         for name, draws in values.items():
-            unit, what = (element_attributes()[name][key] for key in ("unit", "long_name"))
+            unit, what, *_ = DECLARED[str(name)]
             of_impact = f"of an impact of {mass:.4g} kg at {velocity:.4g} m/s, {unit}"
             ends = interval(draws.isel(condition=np.flatnonzero(chosen)))
             for end, (which, name_of_end) in _ENDS.items():

@@ -9,13 +9,13 @@ from typing import Any
 
 import pandas as pd
 
+from bayestissue.elements.outcomes import REFERENCE_OUTCOMES
 from bayestissue.errors import InputError
 from bayestissue.figures.intervals import intervals, with_error_of
 from bayestissue.figures.theme import Figure
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.inference.results.meanings import (
     NAMES,
-    REFERENCE_OUTCOMES,
     UNITS,
     heading_words,
     outcome_name,

@@ -6,36 +6,22 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import Any
 
 import pandas as pd
 
 from bayestissue.declarations import declared, general, sentences
-from bayestissue.inference.results.meanings import COLUMNS, UNITS
+from bayestissue.elements.outcomes import DECLARED
+from bayestissue.inference.results.meanings import COLUMNS, HEADFORM_COLUMNS, UNITS
 from bayestissue.words import NOUNS, Words
 
 # What is predicted of a new impact, by column: its name, the unit it is shown in, and how many per SI unit.
 # A console has room for the first of them, a page for all.
-FIRST_PREDICTED = {
-    **{COLUMNS[q]: (q, UNITS[q], 1.0) for q in UNITS},
-    "peak_displacement_m": ("depth", "mm", 1e3),
-    "peak_force_N": ("force", "N", 1.0),
-    "time_to_peak_s": ("time to peak", "ms", 1e3),
+PREDICTED = {COLUMNS[q]: (q, UNITS[q], 1.0) for q in UNITS} | {
+    column: DECLARED[name].shown for name, column in HEADFORM_COLUMNS.items()
 }
-PREDICTED = {
-    **FIRST_PREDICTED,
-    "peak_deceleration_g": ("deceleration", "g", 1.0),
-    "contact_duration_s": ("contact", "ms", 1e3),
-    "rebound_velocity_m_s": ("rebound", "m/s", 1.0),
-    "restitution": ("restitution", "1", 1.0),
-    "impulse_N_s": ("impulse", "N s", 1.0),
-    "peak_jerk_m_s3": ("jerk", "m/s³", 1.0),
-    "energy_absorbed_J": ("energy absorbed", "J", 1.0),
-    "energy_share": ("share of ½ M V²", "1", 1.0),
-    "energy_share_with_gravity": ("share with gravity", "1", 1.0),
-    "HIC15": ("HIC15", "1", 1.0),
-    "HIC36": ("HIC36", "1", 1.0),
-}
+FIRST_PREDICTED = dict(islice(PREDICTED.items(), 5))
 
 _LARGE, _NARROW = 1e7, 1e-5
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.inference.answers.agreement import agreement
+from bayestissue.inference.answers.reliability import agreement
 
 
 def test_limits_hold_the_ratio_of_95_of_100_impacts() -> None:

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.elements.outcomes import DECLARED, REFERENCE_OUTCOMES
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.inference.answers.contrasts import LEVELS, Contrasts
 from bayestissue.inference.answers.law import fall_height
@@ -25,8 +26,7 @@ from bayestissue.inference.answers.questions import ranked
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
-from bayestissue.inference.results.labels import element_attributes
-from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, UNITS
+from bayestissue.inference.results.meanings import UNITS
 from bayestissue.inference.samplers.sampling import interval
 from bayestissue.results.tables import columns_of, table_of_rows, typed
 
@@ -63,16 +63,13 @@ def _ranked_rows(values: xr.DataArray, **at: Any) -> pd.DataFrame:
     by_level = values.rename(condition="level").transpose("level", ...)
     lowest, rank, above = ranked(by_level, lowest=True)
     highest, _, _ = ranked(by_level, lowest=False)
-    ranks = interval(rank)
     return pd.DataFrame(
         {
             **at,
             "quantity": values.name,
             "unit": _unit(str(values.name)),
             **interval(values),
-            "rank": ranks["median"],
-            "rank_low": ranks["low"],
-            "rank_high": ranks["high"],
+            **interval(rank, "rank"),
             "p_lowest": lowest.mean(DRAWN).to_numpy(),
             "p_highest": highest.mean(DRAWN).to_numpy(),
             "above_lowest": above.mean(DRAWN).to_numpy(),
@@ -82,7 +79,7 @@ def _ranked_rows(values: xr.DataArray, **at: Any) -> pd.DataFrame:
 
 
 def _unit(quantity: str) -> str:
-    return UNITS.get(quantity) or element_attributes()[quantity]["unit"]
+    return UNITS.get(quantity) or DECLARED[quantity].unit
 
 
 def _whole(name: str, parts: Sequence[pd.DataFrame]) -> pd.DataFrame:

@@ -51,7 +51,6 @@ from bayestissue.results import whole_file, write_tree
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = COLUMNS | OUTCOME_COLUMNS
 NO_VELOCITY = Coded.stated("not-simulated.velocity")
-_ENDS = {"median": "", "low": "_low", "high": "_high"}
 # The seed of the scatter of single impacts.
 _SCATTER = 2
 
@@ -195,10 +194,9 @@ def _summary(
 ) -> dict[str, Float[np.ndarray, " row"]]:
     """Median and 90 % interval of each quantity that there is, and of the others nothing."""
     nothing = np.full(next(iter(values.values())).sizes["condition"], np.nan)
-    summary = {f"{column}{end}": nothing for column in columns.values() for end in _ENDS.values()}
+    summary = {f"{column}{end}": nothing for column in columns.values() for end in ("", "_low", "_high")}
     for name, draws in values.items():
-        ends = interval(draws)
-        summary |= {f"{columns[name]}{end}": ends[which] for which, end in _ENDS.items()}
+        summary |= interval(draws, columns[name])
         if name in NEVER:
             never = np.isinf(draws).where(~np.isnan(draws)).mean(DRAWN, skipna=False)
             summary[f"{columns[name]}_never"] = never.to_numpy()

@@ -248,10 +248,8 @@ def _choice(study: Study, node: Choice) -> list[dict[str, Any]]:
     rows = []
     for index, level in enumerate(levels):
         row = _claim(best[index], None if best_before is None else best_before[index], note)
-        ranks = interval(rank[index])
         row["note"] = "; ".join(filter(None, [row["note"], left_out if unlawful else ""]))
-        row |= {"level": level, "unit": unit, "rank": ranks["median"]}
-        row |= {"rank_low": ranks["low"], "rank_high": ranks["high"]}
+        row |= {"level": level, "unit": unit} | interval(rank[index], "rank")
         row |= _interval(posterior[index]) | {"mcse": row["mcse"], "expected_loss": float(loss[index].mean())}
         rows.append(row)
     return rows

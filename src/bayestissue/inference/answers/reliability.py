@@ -1,4 +1,4 @@
-"""Reliability: how repeatable a measured K or C of a person is, and what makes it differ.
+"""Reliability: how repeatable a measured K or C of a person is; agreement of two methods.
 
 One measurement of a person, by one trace alone, has at the reference mass and equal covariates
 
@@ -54,12 +54,13 @@ from jaxtyping import Float
 from bayestissue.hierarchy.effects import parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm, grouping_of
 from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.inference.answers.agreement import SD_OF_95_PERCENT
 from bayestissue.inference.results.meanings import ICC, MDC, REPEATS, SEM, UNITS
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.results.tables import table_of_rows
 
 TARGETS = (0.75, 0.9)
+# Standard deviations of a normal about its mean that hold 95 % of it.
+SD_OF_95_PERCENT = 1.96
 _PERCENT = "%"
 
 Drawn = Float[np.ndarray, "*draw"]
@@ -248,3 +249,29 @@ def as_variables(coefficients: Sequence[Coefficient]) -> xr.Dataset:
             if np.isfinite(coefficient.drawn).all() and np.ptp(coefficient.drawn) > 0
         }
     )
+
+
+def agreement(values: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """The thesis's method over the posterior, limits of agreement of single impacts: ``agreement.csv``.
+
+    Of each impact d = log(a / b) with its values a and b by two methods. The ratio is exp(mean d), and its
+    95 % limits of agreement are exp(mean d ± 1.96 sd d) (Bland and Altman 1999,
+    doi:10.1177/096228029900800204, who take logs where differences grow with the size). They are of people
+    and conditions as recorded: impacts of one person are not independent, so that other people may differ.
+
+    Args:
+        values: of K and of C a row an impact, with the columns ``dds`` and ``posterior``. What is not above 0
+            has no ratio, and is left out.
+
+    Returns:
+        ``ratio`` of the one over the other and its limits ``low`` and ``high``, for ``impacts`` of them.
+    """
+    rows = []
+    for quantity, table in values.items():
+        positive = table[((table > 0) & np.isfinite(table)).all(axis=1)]
+        d = np.log(positive["dds"] / positive["posterior"])
+        sd = float(d.std(ddof=1)) if len(d) > 1 else np.nan
+        middle = float(d.mean()) if len(d) else np.nan
+        ends = np.exp([middle, middle - SD_OF_95_PERCENT * sd, middle + SD_OF_95_PERCENT * sd])
+        rows.append((quantity, "dds", "posterior", len(d), len(table) - len(d), *map(float, ends)))
+    return table_of_rows("agreement", rows)

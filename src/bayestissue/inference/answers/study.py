@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 from bayestissue.elements import REFERENCE_DIAMETER_M
 from bayestissue.elements.element import GRAVITY
 from bayestissue.elements.head_injury import HEADFORM
-from bayestissue.elements.outcomes import HEADFORM_OUTCOMES
+from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, REFERENCE_OUTCOMES
 from bayestissue.errors import Coded
 from bayestissue.hierarchy import SIDE_BY_SIDE
 from bayestissue.hierarchy.effects import parameter_of, sd_impact
@@ -31,7 +31,7 @@ from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.inference.answers.law import MET, Law, beyond, moving
 from bayestissue.inference.answers.settings import SETTINGS
-from bayestissue.inference.results.meanings import REFERENCE_OUTCOMES, element_alone
+from bayestissue.inference.results.meanings import element_alone
 
 GROUPS = ("posterior", "prior", "constant_data")
 # Share of a trace's peak below which a discrepancy leaves an element's outcomes as they are.

@@ -10,6 +10,7 @@ import xarray as xr
 
 from bayestissue.declarations import declared
 from bayestissue.elements import element, element_names
+from bayestissue.elements.outcomes import DECLARED
 from bayestissue.hierarchy.derived import effect_dimensions
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import intercept
@@ -53,6 +54,7 @@ ATTRIBUTES = _levels() | _attributes("variables")
 def element_attributes() -> dict[str, dict[str, str]]:
     """Unit and meaning of the variables that elements have besides K and C."""
     table = _attributes("elements")
+    table |= {name: {"unit": one.unit, "long_name": one.meaning} for name, one in DECLARED.items()}
     for parameter in (extra for name in element_names() for extra in element(name).extra):
         symbol, log = parameter.name, f"log_{parameter.name}"
         table[symbol] = {"unit": parameter.unit, "long_name": parameter.meaning}
@@ -64,7 +66,7 @@ def element_attributes() -> dict[str, dict[str, str]]:
 
 def outcome_column(name: str, which: str = "") -> str:
     """The column of an outcome, its unit in the name: "peak_force_N", "peak_force_low_N", "restitution"."""
-    unit = element_attributes()[name]["unit"].replace("/", "_").replace(" ", "_").replace("^", "")
+    unit = DECLARED[name].unit.replace("/", "_").replace(" ", "_").replace("^", "")
     return "_".join(part for part in (name, which, unit) if part not in ("", "1"))
 
 

@@ -8,33 +8,18 @@ from __future__ import annotations
 from collections.abc import Container, Hashable, Mapping, Sequence
 from typing import NamedTuple
 
+from bayestissue.elements.outcomes import DECLARED, OUTCOMES, REFERENCE_OUTCOMES
 from bayestissue.errors import Coded
 
 QUANTITIES = ("K", "C")
 NAMES = {"K": "stiffness K", "C": "damping C"}
 UNITS = {"K": "N/m", "C": "N s/m"}
-# Of the reference impact, which has the reference mass and the mean velocity. They are positive and finite in
-# every draw, so that they have ratios.
-REFERENCE_OUTCOMES = ("peak_force", "peak_depth", "energy_absorbed")
 # In tables of impacts.
 COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
-# Of outcomes there: with their unit.
-OUTCOME_COLUMNS = {
-    "peak_depth": "peak_displacement_m",
-    "peak_force": "peak_force_N",
-    "time_to_peak": "time_to_peak_s",
-    "peak_deceleration": "peak_deceleration_g",
-    "contact_duration": "contact_duration_s",
-    "rebound_velocity": "rebound_velocity_m_s",
-    "restitution": "restitution",
-    "impulse": "impulse_N_s",
-    "peak_jerk": "peak_jerk_m_s3",
-    "energy_absorbed": "energy_absorbed_J",
-    "energy_share": "energy_share",
-    "energy_share_with_gravity": "energy_share_with_gravity",
-}
-# Of a headform's.
-HEADFORM_COLUMNS = {**OUTCOME_COLUMNS, "HIC15": "HIC15", "HIC36": "HIC36"}
+# Of outcomes there, of a headform's too: first those that a console has room for.
+_FIRST = sorted(DECLARED, key=lambda name: DECLARED[name].first or len(DECLARED))
+HEADFORM_COLUMNS = {name: DECLARED[name].column for name in _FIRST}
+OUTCOME_COLUMNS = {name: column for name, column in HEADFORM_COLUMNS.items() if name in OUTCOMES}
 # Measures of repeatability, by the names that tables have.
 ICC, SEM, MDC = "intraclass correlation", "standard error of measurement", "minimal detectable change (95 %)"
 REPEATS = "repeats"
@@ -44,27 +29,20 @@ MOSTLY = 0.5
 # of the population that the people are drawn from; "a new person" is one more of that population, so that
 # the interval holds how people, conditions and impacts differ.
 _OF = {
-    "{q}": "an impact",
-    "{q}_cell": "a person in a condition",
-    "{q}_subject": "a person at the reference mass",
-    "{q}_trial": "a typical person in a condition, at the condition's mass",
-    "{q}_typical_person": "a typical person at the reference mass",
-    "{q}_new": "a new impact on a new person at the reference mass",
+    "": "an impact",
+    "_cell": "a person in a condition",
+    "_subject": "a person at the reference mass",
+    "_trial": "a typical person in a condition, at the condition's mass",
+    "_typical_person": "a typical person at the reference mass",
+    "_new": "a new impact on a new person at the reference mass",
 }
 _OF_ONE_PERSON = {
-    "{q}_trial": "this person in a condition, at the condition's mass",
-    "{q}_typical_person": "this person at the reference mass",
-    "{q}_new": "a new impact on this person at the reference mass",
+    "_trial": "this person in a condition, at the condition's mass",
+    "_typical_person": "this person at the reference mass",
+    "_new": "a new impact on this person at the reference mass",
 }
-_OF_OUTCOMES = {
-    "{name}_typical_person": "a typical person at the reference impact",
-    "{name}_new": "a new impact on a new person at the reference impact",
-    "{name}_subject": "a person at the reference impact",
-}
-_OF_ONE_PERSONS_OUTCOMES = {
-    "{name}_typical_person": "this person at the reference impact",
-    "{name}_new": "a new impact on this person at the reference impact",
-}
+# Outcomes are those of the reference impact, which has the reference mass.
+_OF_OUTCOMES = ("_typical_person", "_new", "_subject")
 # Secant stiffness and equivalent damping mean the same for every element.
 _COMPARABLE = {"K": ("K_secant", "secant K"), "C": ("C_equivalent", "equivalent C")}
 # Of these K there is a mass exponent where K depends on depth.
@@ -136,26 +114,18 @@ def outcome_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _table(patterns: dict[str, str], of_outcomes: dict[str, str]) -> dict[str, Meaning]:
-    table = {
-        pattern.format(q=q): Meaning(q, words) for q in QUANTITIES for pattern, words in patterns.items()
-    }
-    comparable = {
-        pattern.format(name=name): Meaning(what, words)
-        for name, what in _COMPARABLE.values()
-        for pattern, words in _OF_IMPACTS.items()
-    }
-    outcomes = {
-        pattern.format(name=name): Meaning(outcome_name(name), words)
-        for name in REFERENCE_OUTCOMES
-        for pattern, words in of_outcomes.items()
-    }
+def _table(levels: Mapping[str, str]) -> dict[str, Meaning]:
+    table = {f"{q}{level}": Meaning(q, words) for q in QUANTITIES for level, words in levels.items()}
+    for name, what in _COMPARABLE.values():
+        table |= {pattern.format(name=name): Meaning(what, words) for pattern, words in _OF_IMPACTS.items()}
+    for name in REFERENCE_OUTCOMES:
+        for level in _OF_OUTCOMES:
+            words = levels[level].replace("reference mass", "reference impact")
+            table[f"{name}{level}"] = Meaning(outcome_name(name), words)
     powers = {q: q for q in QUANTITIES} | SECANTS
-    exponents = {f"mass_exponent_{q}": Meaning(f"mass exponent of {what}", "") for q, what in powers.items()}
-    return table | comparable | outcomes | exponents
+    return table | {
+        f"mass_exponent_{q}": Meaning(f"mass exponent of {what}", "") for q, what in powers.items()
+    }
 
 
-_of_several, _of_one_person = (
-    _table(_OF, _OF_OUTCOMES),
-    _table(_OF | _OF_ONE_PERSON, _OF_OUTCOMES | _OF_ONE_PERSONS_OUTCOMES),
-)
+_of_several, _of_one_person = _table(_OF), _table(_OF | _OF_ONE_PERSON)

@@ -40,14 +40,16 @@ def quantiles(
     return between
 
 
-def interval(values: xr.DataArray) -> dict[str, np.ndarray]:
+def interval(values: xr.DataArray, name: str = "") -> dict[str, np.ndarray]:
     """Median and ends of the 90 % equal-tailed interval over all draws, as `quantiles` has them.
 
     Returns:
-        ``low``, ``median`` and ``high``, each by what dimensions the values have besides.
+        ``low``, ``median`` and ``high``, by a ``name`` such as "rank" ``rank_low``, ``rank``, ``rank_high``,
+        each by what dimensions the values have besides.
     """
     drawn = [name for name in values.dims if name in ("chain", "draw", "kept_draw")]
     rest = [values.sizes[name] for name in values.dims if name not in drawn]
     flat = values.transpose(..., *drawn).to_numpy().reshape(math.prod(rest), -1)
     ends = quantiles(np.ascontiguousarray(flat), [0.05, 0.5, 0.95])
-    return {name: end.reshape(rest) for name, end in zip(("low", "median", "high"), ends, strict=True)}
+    names = (f"{name}_low", name, f"{name}_high") if name else ("low", "median", "high")
+    return {which: end.reshape(rest) for which, end in zip(names, ends, strict=True)}

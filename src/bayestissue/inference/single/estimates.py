@@ -12,7 +12,7 @@ from jaxtyping import Bool
 from bayestissue.dataset import as_dataset
 from bayestissue.dataset.impacts import of_phantoms
 from bayestissue.elements.head_injury import LONGEST
-from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, NEVER
+from bayestissue.elements.outcomes import DECLARED, HEADFORM_OUTCOMES, NEVER
 from bayestissue.errors import Coded, InputError
 from bayestissue.hierarchy.combinations import unsuited
 from bayestissue.hierarchy.design import build_design
@@ -42,7 +42,7 @@ from bayestissue.inference.points.notes import (
     STRUCTURED,
     UNCORRECTED,
 )
-from bayestissue.inference.results.labels import element_attributes, outcome_column
+from bayestissue.inference.results.labels import outcome_column
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
 from bayestissue.oscillator import spring_damper_inverse, to_discrete
@@ -241,10 +241,10 @@ def outcomes_in(row: pd.Series) -> pd.DataFrame:
     """
     import pandas as pd
 
-    units, rows = element_attributes(), dict[str, dict[str, float | str]]()
+    rows: dict[str, dict[str, float | str]] = {}
     for column, (name, which) in OUTCOME_COLUMNS.items():
         if column in row:
-            one = rows.setdefault(name, {"never": 0.0, "unit": units[name]["unit"]})
+            one = rows.setdefault(name, {"never": 0.0, "unit": DECLARED[name].unit})
             one[which] = float(row[column])
     return pd.DataFrame(rows).T[["median", "low", "high", "never", "unit"]].infer_objects()
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.inference.answers.agreement import agreement
+from bayestissue.inference.answers.reliability import agreement
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import QUANTITIES

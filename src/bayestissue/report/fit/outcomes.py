@@ -10,11 +10,12 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayestissue.elements.outcomes import DECLARED
 from bayestissue.figures import outcomes as drawn
 from bayestissue.figures.intervals import intervals
 from bayestissue.figures.theme import Figure, number
 from bayestissue.inference.answers.law import fall_height
-from bayestissue.inference.results.meanings import OUTCOME_COLUMNS, UNITS, outcome_name
+from bayestissue.inference.results.meanings import UNITS, outcome_name
 from bayestissue.report.fit.estimates import evenly_spaced
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.fit.sentences import said
@@ -23,7 +24,7 @@ from bayestissue.report.fit.study import impact_words, leading_levels
 from bayestissue.report.posterior import QUANTITIES
 from bayestissue.report.settings import LIMITS
 from bayestissue.report.tables import Field, table_of
-from bayestissue.report.wording import PREDICTED, Spread, likelihood_words, listed, probability
+from bayestissue.report.wording import Spread, likelihood_words, listed, probability
 
 
 def factors(run: FitRun) -> list[str]:
@@ -130,7 +131,7 @@ def scaled(quantity: str) -> tuple[str, str, float]:
     """Name, unit, and how many of it per SI unit."""
     if quantity in UNITS:
         return quantity, UNITS[quantity], 1.0
-    _, unit, factor = PREDICTED[OUTCOME_COLUMNS[quantity]]
+    _, unit, factor = DECLARED[quantity].shown
     return outcome_name(quantity), unit, factor
 
 

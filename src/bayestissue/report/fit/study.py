@@ -8,13 +8,13 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.impacts import SESSIONS
+from bayestissue.elements.outcomes import REFERENCE_OUTCOMES
 from bayestissue.errors import Coded
 from bayestissue.inference.answers.contrasts import ALSO, INTERACTION, LEVELS
 from bayestissue.inference.results.meanings import (
     ICC,
     MDC,
     MOSTLY,
-    REFERENCE_OUTCOMES,
     REPEATS,
     SEM,
     UNITS,
