@@ -42,10 +42,11 @@ FALSE_ALARM = 1e-4
 
 def by(name: str, several: int, target: GaussianTarget, state: State, key: Array) -> State:
     """The state after one move."""
-    numbers, (tuning, steps) = moves.random_numbers(target, ChainSettings(), key), bad_tuning(target, several)
+    settings, (tuning, steps) = ChainSettings(), bad_tuning(target, several)
     if name == "centred":
-        return moves.centred(target, tuning, steps, state, numbers.centred)[0]
-    of_move = jax.tree.map(lambda leaf: leaf[0], numbers.moves)
+        numbers = moves.walk_numbers(target, settings.centred, key)
+        return moves.centred(target, tuning, steps, state, numbers)[0]
+    of_move = moves.move_numbers(target, settings, key)
     proposal = getattr(moves, name)(target, tuning, steps, state, of_move)
     return moves.decided(target, state, proposal, of_move.decision)[0]
 

@@ -17,34 +17,15 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.population import Population
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.chain.moves import Acceptances, State, Steps, Tuning, Visited, transition
-from bayestissue.inference.chain.results import ChainDraws, ChainEnd, constrained, of_nothing
+from bayestissue.inference.chain.moves import State, Steps, Tuning, Visited, transition
+from bayestissue.inference.chain.results import ChainDraws, ChainEnd, constrained
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
 from bayestissue.inference.chain.settings import FIRST, TOGETHER, ChainSettings
-from bayestissue.inference.chain.target import LogRatios, Target
+from bayestissue.inference.chain.target import Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY
 from bayestissue.inference.execution.kept import all_kept, evenly_spaced, some_impacts, some_of
 from bayestissue.padding import padded_impacts
-
-
-class Track(NamedTuple):
-    """Where a chain has been.
-
-    Attributes:
-        visited: what is kept of every state.
-        u: of every so many states each impact's parameters.
-        log_likelihood: of each trace there.
-    """
-
-    visited: Visited
-    u: Float[Array, "kept parameter impact"]
-    log_likelihood: Float[Array, "kept impact"]
-
-    @property
-    def y(self) -> Float[Array, "draw hyperparameter"]:
-        """Hyperparameters of every state."""
-        return self.visited.y
 
 
 @partial(jax.jit, static_argnames="settings", compiler_options=FULLY)
@@ -63,9 +44,9 @@ def _advanced(
         return carried, (visited, rates, carried[0].u, carried[0].log_likelihood)
 
     keys = jax.random.split(key, settings.segment).reshape(-1, settings.keep, 2)
-    carried, (visited, rates, *of_impacts) = jax.lax.scan(until_kept, carried, keys)
+    carried, (visited, rates, u, traces) = jax.lax.scan(until_kept, carried, keys)
     visited, rates = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), (visited, rates))
-    return Segment(carried, Track(visited, *of_impacts), rates)
+    return Segment(carried, visited._replace(u=u, traces=traces), rates)
 
 
 def chain_draws(
@@ -160,9 +141,9 @@ def _warm(
         tuning = start.tuning._replace(population=population)
         start = start._replace(states=states, tuning=tuning)
     carried = jax.device_get(list(zip(start.states, start.steps, strict=True)))
-    run = Chains(partial(_advanced, target, settings), settings, keys, carried, checkpoints, _like(target))
+    run = Chains(partial(_advanced, target, settings), settings, keys, carried, checkpoints)
 
-    def next_tuning(tuning: Tuning, visited: Track, first: bool) -> Tuning:
+    def next_tuning(tuning: Tuning, visited: Visited, first: bool) -> Tuning:
         return retuned(target, tuning, start.tuning, visited, refit=not first)
 
     return Warm(run, warmed_up(run, start.tuning, next_tuning, progress), count)
@@ -201,7 +182,7 @@ def _continued(
         for chain in chains
     ]
     advance, number = partial(_advanced, target, settings), int(end.segments)
-    run = Chains(advance, settings, keys, carried, checkpoints, _like(target), number)
+    run = Chains(advance, settings, keys, carried, checkpoints, number)
     tuning = jax.tree.map(jnp.asarray, end.tuning)
     return Warm(run, tuning, len(prepared.impacts))
 
@@ -213,14 +194,6 @@ def _end(warm: Warm, *, continued: bool) -> ChainEnd:
     return ChainEnd(state, steps, tuning, np.asarray(warm.chains.number), np.asarray(continued))
 
 
-def _like(target: Target) -> Segment:
-    """A segment's structure."""
-    none: Any = np.zeros(0)
-    visited = Visited(none, none, none, LogRatios(none, (none,) * len(target.groups)))
-    carried = (of_nothing(State), of_nothing(Steps))
-    return Segment(carried, Track(visited, none, none), of_nothing(Acceptances))
-
-
 class Trimmed(NamedTuple):
     """What is kept of the states since the warm-up; see `ChainDraws`."""
 
@@ -230,9 +203,9 @@ class Trimmed(NamedTuple):
     u: Float[np.ndarray, "chain kept impact parameter"]
 
 
-def _trimmed(track: Track, prepared: Prepared) -> Trimmed:
+def _trimmed(path: Visited, prepared: Prepared) -> Trimmed:
     """Without the impacts and levels that fill up, hyperparameters constrained."""
-    (y, b, log_likelihood, log_ratios), u, _ = jax.tree.map(np.asarray, track)
+    y, b, log_likelihood, log_ratios, u, _ = path
     count = len(prepared.impacts)
     of_groups = zip(prepared.design.groupings.items(), log_ratios.groups, strict=True)
     groups = {name: values[..., : len(grouping.levels)] for (name, grouping), values in of_groups}

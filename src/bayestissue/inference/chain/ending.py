@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import f as fisher
 
-from bayestissue.inference.samplers.convergence import Convergence, Draws, convergence, let_pass
+from bayestissue.inference.samplers.convergence import ROUGH, Convergence, Draws, convergence, let_pass
 from bayestissue.inference.samplers.diagnostics import R_HAT_LIMIT
 
 # That a run of independent draws fails, all of its quantities together.
@@ -54,26 +54,26 @@ class Verdict(NamedTuple):
 
 
 def look(population: Draws, impacts: Draws, effective: float) -> Verdict:
-    """Whether draws are enough.
+    """Whether draws are enough: of the population. An impact's own end no run, see `let_pass`.
 
     Args:
         population: hyperparameters and effects, [quantity, chain, draw].
         impacts: the same of the impacts' own parameters, of as many draws or fewer.
-        effective: the least effective number that is wanted of every quantity, in bulk and tails.
+        effective: the least effective number of the population that is wanted, in bulk and tails.
     """
     of_population, of_impacts = convergence(population), convergence(impacts)
     # Of many impacts some draws are kept: as many fewer are asked for.
     share = impacts.shape[2] / population.shape[2]
     quantities = len(population) + len(impacts)
     limit = r_hat_limit(quantities, *population.shape[1:], least=NEARER)
-    of_draws = r_hat_limit(quantities, *impacts.shape[1:])
-    rough = (of_impacts.r_hat > of_draws) & ~let_pass(of_impacts.r_hat, of_draws)
-    agree = bool((of_population.r_hat < limit).all() and not rough.any())
+    of_draws = r_hat_limit(quantities, *impacts.shape[1:], least=ROUGH)
+    agree = (of_population.r_hat < limit).all() and let_pass(of_impacts.r_hat, of_draws).all()
     least = np.concatenate([_least(of_population), _least(of_impacts) / share])
+    of_all = least[: len(population)].min()
     return Verdict(
-        agree and bool(least.min() > _MORE * effective),
+        bool(agree and of_all > _MORE * effective),
         float(of_population.r_hat.max()),
-        float(_least(of_population).min()),
+        float(of_all),
         int(least.argmin()),
         limit,
     )

@@ -27,8 +27,8 @@ nearly a draw from it, short ones are those of a random walk (the preconditioned
 doi:10.1214/13-STS421, for a t instead of a normal). Where hyperparameters are many or their posterior is
 bent, steps adapt and grow shorter.
 
-Every random number of a transition is drawn before its first move: calls for a few at a time cost more, in
-the compiler and in every step, than what is done with them.
+Every random number of a move is drawn before it: calls for a few at a time cost more, in the compiler and in
+every step, than what is done with them.
 
 The last three are non-centred and centred parametrisations of the hierarchy, interwoven (Yu and Meng
 2011, doi:10.1198/jcgs.2011.203main). A trace with several explanations has several sites: q is their sum, and
@@ -43,8 +43,9 @@ from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
+from jax.flatten_util import ravel_pytree
+from jax.lax import erf_inv
 from jax.scipy.linalg import solve_triangular
 from jax.scipy.special import logsumexp
 from jaxtyping import Bool, Float, Int
@@ -57,6 +58,9 @@ from bayestissue.likelihood import small
 
 # Of the t that the walks of hyperparameters stand on: tails heavier than any posterior of theirs.
 FREEDOM = 6
+Shapes = list[tuple[int, ...]]
+# Of a uniform random number: twice that is no less than a step from 1, and the normal one finite.
+_LEAST = 1e-15
 
 
 class State(NamedTuple):
@@ -76,19 +80,23 @@ class State(NamedTuple):
 
 
 class Visited(NamedTuple):
-    """What is kept of a state, whatever is kept of impacts.
+    """What is kept of a state.
 
     Attributes:
         y: hyperparameters, unconstrained.
         b: fixed and group effects.
         log_likelihood: of all traces together.
         log_ratios: of likelihoods over sites.
+        u: of every so many states each impact's parameters.
+        traces: of these states log likelihood of each trace.
     """
 
     y: Float[Array, " hyperparameter"]
     b: Float[Array, " location"]
     log_likelihood: Float[Array, ""]
     log_ratios: LogRatios
+    u: Float[Array, "parameter impact"] | None = None
+    traces: Float[Array, " impact"] | None = None
 
 
 class StudentT(NamedTuple):
@@ -162,8 +170,8 @@ class WalkNumbers(NamedTuple):
 
     step: Float[Array, "step hyperparameter"]
     scale: Float[Array, "step freedom"]
-    decision: Float[Array, " step"]
     effects: Float[Array, " location"]
+    decision: Float[Array, " step"]
 
 
 class MoveNumbers(NamedTuple):
@@ -184,50 +192,33 @@ class MoveNumbers(NamedTuple):
     walk: WalkNumbers
 
 
-class Numbers(NamedTuple):
-    """All random numbers of one transition: of `centred`, and of each evaluation of the traces."""
-
-    centred: WalkNumbers
-    moves: MoveNumbers
-
-
-def random_numbers(target: Target, settings: ChainSettings, key: Array) -> Numbers:
-    """The random numbers of one transition, from one call for each kind."""
-    size, impacts = 2 + len(target.model.nuisance), len(target.present)
-    number, locations = len(target.model.hyperparameters), target.model.locations.size
-    evaluations, inner, centred = settings.evaluations, settings.inner + 1, settings.centred + 1
-    keys = jax.random.split(key)
-    freedom = number + FREEDOM
-    of_impacts, *of_walks = _parts(
-        partial(jax.random.normal, keys[0]),
-        (evaluations, size, impacts),
-        (evaluations, inner, number),
-        (evaluations, inner, freedom),
-        (evaluations, locations),
-        (centred, number),
-        (centred, freedom),
-        (locations,),
-    )
-    way, label, decision, of_inner, of_centred = _parts(
-        partial(jax.random.uniform, keys[1]),
-        (evaluations, impacts),
-        (evaluations, impacts),
-        (evaluations, target.parts),
-        (evaluations, inner),
-        (centred,),
-    )
-    step, scale, effects, centred_step, centred_scale, centred_effects = of_walks
-    return Numbers(
-        WalkNumbers(centred_step, centred_scale, of_centred, centred_effects),
-        MoveNumbers(of_impacts, way, label, decision, WalkNumbers(step, scale, of_inner, effects)),
-    )
+def walk_numbers(target: Target, steps: int, key: Array) -> WalkNumbers:
+    """The random numbers of a walk by itself."""
+    of_walk, uniform = _drawn(key, _of_walk(target, steps + 1), [(steps + 1,)])
+    return WalkNumbers(*of_walk, *uniform)
 
 
-def _parts(draw: Any, *shapes: tuple[int, ...]) -> list[Array]:
-    """Arrays of these shapes, of one call's numbers."""
-    ends = np.cumsum([math.prod(shape) for shape in shapes])
-    parts = jnp.split(draw((int(ends[-1]),)), ends[:-1])
-    return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+def move_numbers(target: Target, settings: ChainSettings, key: Array) -> MoveNumbers:
+    """The random numbers of one move of the impacts."""
+    size, impacts, steps = 2 + len(target.model.nuisance), len(target.present), settings.inner + 1
+    normal, uniform = [(size, impacts), *_of_walk(target, steps)], [(impacts,), (impacts,), (target.parts,)]
+    (of_impacts, *of_walk), (*of_move, of_steps) = _drawn(key, normal, [*uniform, (steps,)])
+    return MoveNumbers(of_impacts, *of_move, WalkNumbers(*of_walk, of_steps))
+
+
+def _of_walk(target: Target, steps: int) -> Shapes:
+    """Of its normal numbers."""
+    number = len(target.model.hyperparameters)
+    return [(steps, number), (steps, number + FREEDOM), (target.model.locations.size,)]
+
+
+def _drawn(key: Array, normal: Shapes, uniform: Shapes) -> tuple[list[Array], list[Array]]:
+    """Normal and uniform random numbers, all of one call."""
+    flat, in_shapes = ravel_pytree([[jnp.zeros(shape) for shape in shapes] for shapes in (normal, uniform)])
+    uniform_numbers = jax.random.uniform(key, flat.shape, minval=_LEAST)
+    # Without the barrier they are made anew wherever they are used.
+    below, among = in_shapes(jax.lax.optimization_barrier(uniform_numbers))
+    return [math.sqrt(2) * erf_inv(2 * values - 1) for values in below], among
 
 
 class Proposal(NamedTuple):
@@ -551,8 +542,9 @@ def transition(
     Chance decides between `by_population` and `by_level`.
     """
     state, steps = carried
-    numbers = random_numbers(target, settings, key)
-    state, of_centred = centred(target, tuning, steps, state, numbers.centred)
+    keys = jax.random.split(key, 2 + max(settings.surrogates))
+    numbers = walk_numbers(target, settings.centred, keys[0])
+    state, of_centred = centred(target, tuning, steps, state, numbers)
     excess = of_centred - settings.population_acceptance
     steps = steps._replace(centred=followed(steps.centred, gain, excess, settings.population_steps))
     # Levels move by themselves the oftener, the shorter the steps are that all of the population moves by.
@@ -561,7 +553,7 @@ def transition(
     def move(index: Array, at: tuple[State, Steps, Acceptances]) -> tuple[State, Steps, Acceptances]:
         # One copy of the likelihood serves all moves: each more would be compiled again.
         state, steps, rates = at
-        of_move = jax.tree.map(lambda leaf: leaf[index], numbers.moves)
+        of_move = move_numbers(target, settings, keys[1 + index])
         way = of_move.way[0]
         if target.added_mass is not None:
             way = way / (1 - _ADDED_MASS_SHARE)
@@ -578,8 +570,10 @@ def transition(
         steps = _steps_after(settings, steps, gain, kind, walks, accepted, proposal.inner)
         return state, steps, jax.tree.map(lambda new, old: jnp.where(jnp.isnan(new), old, new), here, rates)
 
+    long, short = settings.surrogates
+    evaluations = 1 + jnp.where(steps.population < settings.short, short, long)
     none = jnp.asarray(jnp.nan)
     rates = Acceptances(none, none, none, none, none, of_centred)
-    state, steps, rates = jax.lax.fori_loop(0, settings.evaluations, move, (state, steps, rates))
+    state, steps, rates = jax.lax.fori_loop(0, evaluations, move, (state, steps, rates))
     log_ratios = target.log_ratios(state.log_likelihood - log_sites(tuning.sites, state.u, first=True))
     return (state, steps), (Visited(state.y, state.b, state.log_likelihood.sum(), log_ratios), rates)

@@ -54,7 +54,6 @@ class Chains:
         keys: of each chain.
         carried: what each chain carries.
         checkpoints: where finished segments are kept, if anywhere.
-        like: if so, a segment of the structure that ``advance`` returns, its arrays of no account.
         number: of the next segment.
     """
 
@@ -63,7 +62,6 @@ class Chains:
     keys: Array
     carried: list[Any]
     checkpoints: Path | None = None
-    like: Segment | None = None
     number: int = 0
 
     def next(self, tuning: Any, gain: float) -> list[Segment]:
@@ -79,11 +77,11 @@ class Chains:
     @runtime.in_float64
     def _segment(self, chain: int, tuning: Any, gain: float) -> Segment:
         path = self.checkpoints and self.checkpoints / f"chain-{chain}-segment-{self.number:04d}.npz"
+        arguments = tuning, self.carried[chain], jax.random.fold_in(self.keys[chain], self.number), gain
         if path is not None and path.is_file():
-            restored: Segment = read_arrays(path, self.like)
+            restored: Segment = read_arrays(path, jax.eval_shape(self.advance, *arguments))
             return restored
-        key = jax.random.fold_in(self.keys[chain], self.number)
-        segment: Segment = jax.device_get(self.advance(tuning, self.carried[chain], key, gain))
+        segment: Segment = jax.device_get(self.advance(*arguments))
         if path is not None:
             write_arrays(path, segment)
         return segment
@@ -92,25 +90,27 @@ class Chains:
 def warmed_up(chains: Chains, tuning: Any, retuned: Callable[[Any, Any, bool], Any], progress: Say) -> Any:
     """Rounds until the chains agree, and one more that adapts steps alone; the tuning at their end.
 
+    What is looked at and learned from after a round is the second half of all that was visited so far.
+
     Args:
         chains: at their beginning.
         tuning: that they begin with.
-        retuned: the next tuning, of the present one, the second half of what all chains visited in a round,
-            and whether it is the first.
+        retuned: the next tuning, of the present one, of what all chains visited, and whether it is that of
+            the first round.
         progress: told the stage, how many segments are done, and of how many.
     """
-    settings = chains.settings
-    rounds = (*settings.first_rounds, *(settings.round,) * settings.most_rounds)
+    settings, visited = chains.settings, list[list[Segment]]()
     least = sum(settings.first_rounds) + settings.round
-    for turn, length in enumerate(rounds):
-        segments = []
+    for turn, length in enumerate(settings.rounds):
         for _ in range(length):
             progress("warming up", chains.number, max(least, chains.number + 1) + settings.last_round)
-            segments.append(chains.next(tuning, settings.gain))
-        visited = joined(segments)
-        half = jax.tree.map(lambda leaf: leaf[:, leaf.shape[1] // 2 :].reshape(-1, *leaf.shape[2:]), visited)
-        tuning = retuned(tuning, half, turn == 0)
-        r_hat = convergence(np.moveaxis(visited.y, -1, 0)).r_hat
+            visited.append(chains.next(tuning, settings.gain))
+        segments = sum(settings.rounds[: turn + 1])
+        visited = visited[-(segments - segments // 2) :]
+        half = joined(visited)
+        of_all = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), half)
+        tuning = retuned(tuning, of_all, turn == 0)
+        r_hat = convergence(np.moveaxis(half.y, -1, 0)).r_hat
         if turn >= len(settings.first_rounds) and np.nanmax(r_hat) < settings.agreement:
             break
     for left in range(settings.last_round, 0, -1):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
+
+from bayestissue.inference.execution.kept import all_kept
 
 # Up to so many impacts the whole population is moved along with them; of more, so many tell it first.
 TOGETHER, FIRST = 4000, 500
@@ -19,7 +22,9 @@ class ChainSettings:
 
     Attributes:
         walks: least and greatest share of an impact's moves that are walks, the others being by its site.
-        surrogates: moves of the population in a transition, each an evaluation of all traces.
+        surrogates: moves of the population in a transition, each an evaluation of all traces: so many where
+            their steps are long, and so many where these are below ``short``.
+        short: see ``surrogates``.
         levels: least and greatest share of these that move each level's effects by themselves.
         shorter: the share of the population's moves that are shorter, down to ``shortest``: where the sites'
             posterior has lighter tails than the true one, long moves out of a tail are seldom accepted.
@@ -34,10 +39,10 @@ class ChainSettings:
         segment: transitions of one compiled call, after which a run can stop.
         keep: transitions for each one of which the impacts' parameters are kept.
         first_rounds: segments of the warm-up's first rounds, while sites and covariances are still poor.
-        round: segments of each further one.
+        round: segments of the next one; each further one is longer by ``growth``.
         last_round: segments of the last one, which adapts steps alone.
         most_rounds: further rounds at most.
-        agreement: R-hat of the hyperparameters over a round, below which the warm-up is over.
+        agreement: R-hat of the hyperparameters over the second half of the warm-up, below which it is over.
         gain: by how much the log of a step follows its acceptance, in the last round ``last_gain``.
         last_gain: see ``gain``.
         impact_steps: the least and the greatest step of the walk of an impact or a level.
@@ -45,12 +50,13 @@ class ChainSettings:
         first_look: segments since the warm-up before the first look at the draws. Chains that are each in
             one of two modes look alike early.
         dropped: the share of the segments since the warm-up that is not kept, the first of them.
-        growth: of the number of segments from look to look.
+        growth: of the number of segments from look to look, and from round to round.
         in_a_row: looks that are to pass.
     """
 
     walks: tuple[float, float] = (0.1, 0.8)
-    surrogates: int = 1
+    surrogates: tuple[int, int] = (1, 3)
+    short: float = 0.8
     levels: tuple[float, float] = (0.1, 0.8)
     shorter: float = 1 / 6
     shortest: float = 0.05
@@ -63,7 +69,7 @@ class ChainSettings:
     first_rounds: tuple[int, ...] = (1, 2, 3)
     round: int = 4
     last_round: int = 2
-    most_rounds: int = 20
+    most_rounds: int = 10
     agreement: float = 1.05
     gain: float = 0.1
     last_gain: float = 0.03
@@ -82,15 +88,16 @@ class ChainSettings:
         which cost as much as there are cells; they are slow where single traces leave much open.
         """
         if impacts <= TOGETHER:
-            return cls()
-        many = {"surrogates": 0, "inner": 1, "centred": 20, "segment": 20, "keep": 10}
-        rounds = {"first_rounds": (1, 2), "round": 2, "last_round": 1, "most_rounds": 8, "first_look": 6}
+            return cls() if all_kept(impacts) else cls(keep=5)
+        many = {"surrogates": (0, 0), "inner": 1, "centred": 20, "segment": 20, "keep": 10}
+        rounds = {"first_rounds": (1, 2), "round": 2, "last_round": 1, "most_rounds": 6, "first_look": 6}
         return cls(**many, **rounds)  # type: ignore[arg-type]
 
     @property
-    def evaluations(self) -> int:
-        """Of all traces, in one transition."""
-        return 1 + self.surrogates
+    def rounds(self) -> tuple[int, ...]:
+        """Segments of each round of the warm-up but the last."""
+        further = (math.ceil(self.round * self.growth**n) for n in range(self.most_rounds))
+        return (*self.first_rounds, *further)
 
     def shortened(self, uniform: Float[Array, ""]) -> Float[Array, ""]:
         """The share of its full length that a move of the population goes, of a uniform random number."""

@@ -2,13 +2,13 @@
 
 Every impact begins at its own best explanations, the hyperparameters overdispersed, where the impacts alone
 put them. Then follow rounds of transitions: steps follow their acceptances; after each round the covariances
-of y and of every u, and each site, are taken from what the chains have visited. A site becomes the parabola
-nearest to the log likelihoods at those points, which are known already.
+of y and of every u, and each site, are taken from the second half of all that the chains have visited. A
+site becomes the parabola nearest to the log likelihoods at those points, which are known already.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
+from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning, Visited
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.sites import DEEPEST, nearest_parabolas
 
@@ -125,19 +125,18 @@ def _per_inertia(
     return np.asarray(jax.vmap(along, in_axes=2, out_axes=2)(jnp.moveaxis(root, 0, 1))).swapaxes(0, 1)
 
 
-def retuned(target: Target, tuning: Tuning, first: Tuning, visited: Any, *, refit: bool) -> Tuning:
+def retuned(target: Target, tuning: Tuning, first: Tuning, visited: Visited, *, refit: bool) -> Tuning:
     """Covariances and sites from where all chains have been.
 
     Args:
         target: the posterior.
         tuning: the present one.
         first: that of the start, which a covariance from few points leans on.
-        visited: the second half of a round of all chains, with ``y``, ``u`` and ``log_likelihood`` of every
-            trace, [draw, ...].
+        visited: by all chains, [draw, ...].
         refit: whether sites are made anew: each where there are twice as many distinct points as a parabola
             has terms.
     """
-    u, value = np.asarray(visited.u), np.asarray(visited.log_likelihood)
+    u, value = np.asarray(visited.u), np.asarray(visited.traces)
     shown = np.array(target.per_inertia(u))
     if target.added_mass is not None:
         # What all have in common of it moves by itself.
@@ -150,7 +149,7 @@ def retuned(target: Target, tuning: Tuning, first: Tuning, visited: Any, *, refi
     shrunk = np.minimum(1.0, size / first_size)[:, None, None] * first_impact
     impact_root = np.linalg.cholesky((1 - _OF_IMPACT) * of_impact + _OF_IMPACT * shrunk)
     sites = _refitted(tuning.sites, u, value) if refit else tuning.sites
-    b = np.asarray(visited.visited.b)
+    b = np.asarray(visited.b)
     of_levels = np.append(b, np.zeros((len(b), 1)), axis=1)[:, np.asarray(target.level_effects).T]
     return Tuning(sites, nearest_t(np.asarray(visited.y)), impact_root, covariance_root(of_levels))
 

@@ -18,8 +18,8 @@ from scipy.stats import rankdata
 # What sorting and transforming them takes at once stays small, and in a processor's cache.
 _AT_ONCE = 64
 _FEWEST = 4
-# Of single impacts: the share of values of R-hat that may be above its limit, and what none may be above.
-_MANY, _MOST = 0.01, 1.05
+# What R-hat of a single impact may be, and the share of impacts of which it may be more.
+ROUGH, _SHARE = 1.05, 0.01
 # The quantiles whose indicators the tail's sample size is of: ArviZ's own.
 TAILS = (0.11, 0.89)
 
@@ -46,13 +46,14 @@ class Convergence(NamedTuple):
     ess_mean: Sizes
 
 
-def let_pass(r_hat: Sizes, limit: float) -> Bool[np.ndarray, " quantity"]:
-    """Which of single impacts' values of R-hat are let pass above the limit.
+def let_pass(r_hat: Sizes, limit: float = ROUGH) -> Bool[np.ndarray, " quantity"]:
+    """Which of single impacts' values of R-hat end no run, and fail none.
 
-    Of very many some are above it by chance: one in a hundred may be, and none above 1.05.
+    What the population's draws do not need, no impact holds up: R-hat may be as great as the limit, and
+    greater in one impact of a hundred. All are greatest where it is open.
     """
-    above = r_hat > limit
-    return above & (r_hat < _MOST) & (above.sum() <= _MANY * len(r_hat))
+    beyond = r_hat > limit
+    return ~beyond | (beyond.sum() <= _SHARE * len(r_hat))
 
 
 def convergence(draws: Draws) -> Convergence:

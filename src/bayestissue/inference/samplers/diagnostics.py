@@ -32,9 +32,9 @@ def diagnose(
     Args:
         summary: as `inference.results.summary.summarise` makes it; what it leaves open is not judged.
         r_hat_limit: what the greatest R-hat is to be below.
-        of_impacts: the variables of single impacts, of which some may be above that limit: see `let_pass`.
-        unasked: those that follow from others and that nobody asked for. They fail no fit: what of them is
-            beyond a limit is not judged.
+        of_impacts: the variables of single impacts, which fail no fit as far as `let_pass` has it: what of
+            them is beyond a limit is not judged.
+        unasked: those that follow from others and that nobody asked for, which fail none either.
 
     Returns:
         ``passed``, ``checks``, ``worst`` by statistic, and ``cause``: what the chains lack most of, in words;
@@ -42,14 +42,15 @@ def diagnose(
     """
     sizes = summary[["ess_bulk", "ess_tail"]].min(axis=1)
     beyond = (summary["r_hat"] >= r_hat_limit) | (sizes <= ESS_LIMIT)
-    unsettled = beyond & summary["variable"].isin(list(unasked))
+    single = summary["variable"].isin(list(of_impacts))
+    passes = summary["variable"].isin(list(unasked))
+    passes[single] |= let_pass(summary.loc[single, "r_hat"].to_numpy(float))
+    unsettled = beyond & passes
     not_judged = names_of_rows(summary[unsettled]).tolist()
     summary = summary[~unsettled]
-    judged, single = np.ones(len(summary), bool), summary["variable"].isin(list(of_impacts)).to_numpy()
-    judged[single] = ~let_pass(summary["r_hat"].to_numpy(float)[single], r_hat_limit)
     worst = {column: _worst(summary, column) for column in ("r_hat", "ess_bulk", "ess_tail")}
     checks = [
-        _check("r-hat", limit=r_hat_limit, **_worst(summary[judged], "r_hat")),
+        _check("r-hat", limit=r_hat_limit, **worst["r_hat"]),
         _check("effective-sample-size.bulk", limit=ESS_LIMIT, **worst["ess_bulk"]),
         _check("effective-sample-size.tail", limit=ESS_LIMIT, **worst["ess_tail"]),
     ]
@@ -58,7 +59,7 @@ def diagnose(
         "passed": passed,
         "checks": checks,
         "worst": worst,
-        "cause": "" if passed else _cause(summary[judged], r_hat_limit, of_impacts),
+        "cause": "" if passed else _cause(summary, r_hat_limit, of_impacts),
         **({"unsettled": not_judged} if not_judged else {}),
     }
 

@@ -163,8 +163,8 @@ def _advanced(
         numbers = WalkNumbers(
             jax.random.normal(keys[0], (steps, number)),
             jax.random.normal(keys[4], (steps, number + FREEDOM)),
-            jax.random.uniform(keys[1], (steps,)),
             jax.random.normal(keys[2], (model.locations.size,)),
+            jax.random.uniform(keys[1], (steps,)),
         )
         density = partial(integrated, model, data)
         y, (_, effects), inner = walk(density, state.y, tuning.population, length, numbers)
