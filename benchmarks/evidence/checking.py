@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import time
 from concurrent.futures import ProcessPoolExecutor
 from tempfile import TemporaryDirectory
@@ -28,7 +29,7 @@ def check_numbers(names: list[str], *, accept: bool = False) -> int:
     with (
         TemporaryDirectory() as folder,
         # Each worker keeps to a core of its own.
-        ProcessPoolExecutor(WORKERS, context, runtime.settle, (folder, runtime.CORES)) as pool,
+        ProcessPoolExecutor(WORKERS, context, runtime.settle, (os.getpid(), folder, runtime.CORES)) as pool,
     ):
         for name, now in zip(names, pool.map(computed, names), strict=True):
             words = differing(name, now)
