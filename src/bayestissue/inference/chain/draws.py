@@ -141,7 +141,7 @@ def _warm(
         tuning = start.tuning._replace(population=population)
         start = start._replace(states=states, tuning=tuning)
     carried = jax.device_get(list(zip(start.states, start.steps, strict=True)))
-    run = Chains(partial(_advanced, target, settings), settings, keys, carried, checkpoints)
+    run = Chains(_advanced, (target, settings), settings, keys, carried, checkpoints)
 
     def next_tuning(tuning: Tuning, visited: Visited, first: bool) -> Tuning:
         return retuned(target, tuning, start.tuning, visited, refit=not first)
@@ -181,8 +181,8 @@ def _continued(
         jax.tree.map(lambda leaf, chain=chain: np.asarray(leaf[chain]), (end.state, end.steps))
         for chain in chains
     ]
-    advance, number = partial(_advanced, target, settings), int(end.segments)
-    run = Chains(advance, settings, keys, carried, checkpoints, number)
+    number = int(end.segments)
+    run = Chains(_advanced, (target, settings), settings, keys, carried, checkpoints, number)
     tuning = jax.tree.map(jnp.asarray, end.tuning)
     return Warm(run, tuning, len(prepared.impacts))
 

@@ -48,8 +48,9 @@ class Chains:
     """All chains, as far as they have come.
 
     Attributes:
-        advance: one segment of one chain, of its tuning, what it carries, a key, and how strongly steps
-            follow their acceptances.
+        advance: compiled, one segment of one chain, of a posterior and settings, and then of its tuning,
+            what it carries, a key, and how strongly steps follow their acceptances.
+        posterior: its first arguments.
         settings: of the run.
         keys: of each chain.
         carried: what each chain carries.
@@ -57,7 +58,8 @@ class Chains:
         number: of the next segment.
     """
 
-    advance: Callable[[Any, Any, Array, float], Segment]
+    advance: Any
+    posterior: tuple[Any, ...]
     settings: ChainSettings
     keys: Array
     carried: list[Any]
@@ -77,9 +79,10 @@ class Chains:
     @runtime.in_float64
     def _segment(self, chain: int, tuning: Any, gain: float) -> Segment:
         path = self.checkpoints and self.checkpoints / f"chain-{chain}-segment-{self.number:04d}.npz"
-        arguments = tuning, self.carried[chain], jax.random.fold_in(self.keys[chain], self.number), gain
+        key = jax.random.fold_in(self.keys[chain], self.number)
+        arguments = *self.posterior, tuning, self.carried[chain], key, gain
         if path is not None and path.is_file():
-            restored: Segment = read_arrays(path, jax.eval_shape(self.advance, *arguments))
+            restored: Segment = read_arrays(path, self.advance.eval_shape(*arguments))
             return restored
         segment: Segment = jax.device_get(self.advance(*arguments))
         if path is not None:

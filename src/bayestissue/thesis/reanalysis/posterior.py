@@ -121,8 +121,8 @@ def sample_posterior(
         tuning = Tuning(nearest_t(drawn_near), near.data.scatter)
     states = [State(y, np.asarray(data.location_mean), nothing) for y in begin]
     keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
-    advance = partial(_advanced, model, data, settings)
-    chains = Chains(advance, settings, keys, [(state, start.length) for state in states])
+    carried = [(state, start.length) for state in states]
+    chains = Chains(_advanced, (model, data, settings), settings, keys, carried)
 
     def retuned(_: Tuning, visited: State, first: bool) -> Tuning:
         return Tuning(nearest_t(visited.y), visited.scatter.mean(0))
