@@ -95,10 +95,10 @@ def table_of(
 ) -> Table:
     """A table with a row for each of ``rows``, and a cell in it for each of ``fields``."""
     rows = rows.to_dict("records") if isinstance(rows, pd.DataFrame) else list(rows)
-    fields = [field for field in fields if not field.optional or any(field.text(row) for row in rows)]
+    used = [field for field in fields if not field.optional or any(field.text(row) for row in rows)]
     return Table(
-        [Column(field.title, field.kind) for field in fields],
-        [Row(tuple(field.text(row) for field in fields), mark(row)) for row in rows],
+        [Column(field.title, field.kind) for field in used],
+        [Row(tuple(field.text(row) for field in used), mark(row)) for row in rows],
     )
 
 
