@@ -7,12 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from bayestissue.likelihood.linear_errors import (
-    Products,
-    draw_errors,
-    marginal_log_likelihood,
-    prior_errors,
-)
+from bayestissue.likelihood.linear_errors import Errors, Products, draw_errors, marginal_log_likelihood
 
 RNG = np.random.default_rng(1)
 IMPACTS, COUNT, ERRORS = 3, 9, 3
@@ -26,7 +21,9 @@ ERROR_SD = np.array([[0.7, 1.2, 0.3], [0.0, 0.5, 0.0], [0.0, 0.0, 0.0]])
 def products() -> Products:
     parts = np.stack([RESIDUAL, *COLUMNS])
     gram = jnp.asarray(np.einsum("aik,bik,ik->abi", parts, parts, WEIGHT))
-    return Products(gram, -jnp.log(jnp.asarray(WEIGHT)).sum(1), jnp.full(IMPACTS, float(COUNT)))
+    return Products.of_unit_noise(
+        gram, -jnp.log(jnp.asarray(WEIGHT)).sum(1), jnp.full(IMPACTS, float(COUNT)), jnp.asarray(LOG_SIGMA)
+    )
 
 
 def dense(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -36,7 +33,7 @@ def dense(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_density_is_that_of_the_dense_normal() -> None:
-    ours = marginal_log_likelihood(products(), jnp.asarray(LOG_SIGMA), jnp.asarray(ERROR_SD))
+    ours = marginal_log_likelihood(products(), Errors(jnp.asarray(ERROR_SD)))
     direct = [multivariate_normal(cov=dense(i)[2]).logpdf(RESIDUAL[i]) for i in range(IMPACTS)]
     assert_allclose(ours, direct, rtol=1e-12)
 
@@ -44,7 +41,7 @@ def test_density_is_that_of_the_dense_normal() -> None:
 def test_errors_are_drawn_from_their_dense_conditional() -> None:
     number = 20_000
     keys = jax.random.split(jax.random.key(4), number)
-    arguments = (products(), jnp.asarray(LOG_SIGMA), jnp.asarray(ERROR_SD))
+    arguments = (products(), Errors(jnp.asarray(ERROR_SD)))
     drawn = np.asarray(jax.vmap(lambda key: draw_errors(key, *arguments))(keys))
     for i in range(IMPACTS):
         errors, columns, covariance = dense(i)
@@ -58,10 +55,10 @@ def test_errors_are_drawn_from_their_dense_conditional() -> None:
 
 
 def test_products_are_symmetric_and_weighted() -> None:
-    made = products().gram
+    made = np.asarray(products().gram) * np.exp(2 * LOG_SIGMA)
     parts = np.concatenate([RESIDUAL[None], COLUMNS])
     direct = np.einsum("ain,in,bin->abi", parts, WEIGHT, parts)
-    assert_allclose(np.array(made), direct, rtol=1e-12, atol=1e-12)
+    assert_allclose(made, direct, rtol=1e-12, atol=1e-12)
 
 
 def test_a_uniform_error_is_integrated_over_and_drawn_within_its_bounds() -> None:
@@ -69,7 +66,7 @@ def test_a_uniform_error_is_integrated_over_and_drawn_within_its_bounds() -> Non
     half = np.sqrt(3) * sd[:, -1]
     places, weights = np.polynomial.legendre.leggauss(200)
     uniform = jnp.array([True, True, True])
-    arguments = (products(), jnp.asarray(LOG_SIGMA), jnp.asarray(sd), uniform)
+    arguments = (products(), Errors(jnp.asarray(sd), uniform))
     ours = np.asarray(marginal_log_likelihood(*arguments))
     number = 20_000
     keys = jax.random.split(jax.random.key(5), number)
@@ -92,7 +89,7 @@ def test_a_uniform_error_is_integrated_over_and_drawn_within_its_bounds() -> Non
 
 def test_prior_errors_have_their_standard_deviations() -> None:
     sd, number = jnp.array([[0.7, 0.3], [0.2, 0.5]]), 20_000
-    found = np.asarray(prior_errors(jax.random.key(2), (number, 2), sd, jnp.array([True, False])))
+    found = np.asarray(Errors(sd, jnp.array([True, False])).drawn(jax.random.key(2), (number,)))
     # The standard error of a standard deviation, greatest for the normal.
     assert (np.abs(found.std(0) / sd - 1) < 4.5 / np.sqrt(2 * number)).all()
     assert np.abs(found[:, 0, 1]).max() <= np.sqrt(3) * 0.3

@@ -256,6 +256,18 @@ def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[
     return trace_likelihood(model, data, u).log_density()
 
 
+def with_contact_at(
+    data: TraceData, likelihood: MeasuredImpact, first_time: Float[Array, " impact"]
+) -> TraceData:
+    """The same traces with contact known to be so long before the first sample, as the likelihood has it.
+
+    A place of contact that is a parameter moves it from there again.
+    """
+    record = cast(DecelerationRecord, data.record)
+    later = first_time - likelihood.record.first_time
+    return replace(data, record=record.at_contact(record.first_time + later))
+
+
 def with_normal_errors(data: TraceData) -> TraceData:
     """The same traces, every error of the measuring chain taken as normal with its standard deviation."""
     return replace(data, record=data.record.with_normal_errors())

@@ -47,8 +47,9 @@ def _sums_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
 def log_determinant(theta1: Array, count: Array) -> Array:
     """Log det T = log(1 + theta1^2 + theta1^4 + ... + theta1^(2 N)) for N = count values.
 
-    With a = log |theta1| that is N a + log(sinh((N + 1) a) / sinh a), smooth where a is 0. Away from there it
-    is the geometric sum (1 - q^(N+1)) / (1 - q) of q = theta1^2, beyond 1 read backwards. Arguments broadcast.
+    With a = log |theta1| that is N a + log(sinh((N + 1) a) / sinh a), smooth where a is 0. Away from there
+    it is the geometric sum (1 - q^(N+1)) / (1 - q) of q = theta1^2, beyond 1 read backwards. Arguments
+    broadcast.
     """
     square, terms = theta1**2, count + 1
     beyond = square > 1

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayestissue.declarations import declared
-from bayestissue.inference.results.errors import NOISE, STEP, by_source
+from bayestissue.inference.results.errors import NOISE, by_source
 from bayestissue.likelihood import arma21_log_likelihood
 from bayestissue.selftest.decaying import fitted_exponentials
 from bayestissue.selftest.mixed_models import columns, data, least_objective, sleep_objective
@@ -70,17 +70,11 @@ def _stata() -> dict[str, float]:
 def _budget(standard_uncertainties: Mapping[str, float]) -> dict[str, float]:
     """Contributions of independent inputs, and their combined standard uncertainty, by the interval's budget.
 
-    The measurand's information is that of a measurement without noise: P = 1 / sum of c^2 u^2.
+    Of one measurement of the measurand, beside whose inputs there is next to no noise.
     """
-    variance = {name: u**2 for name, u in standard_uncertainties.items()}
-    total = sum(variance.values())
-
-    def information(name: str, side: int) -> np.ndarray:
-        return np.array([[[1 / (total + variance[name] * np.expm1(side * STEP / 2))]]])
-
-    ends = {name: (information(name, 1), information(name, -1)) for name in variance}
-    budget = by_source(np.array([[[1 / total]]]), ends)
-    # What is left to the noise, of which there is none, is the error of the derivatives.
+    sd = np.array(list(standard_uncertainties.values()))
+    noise = 1e-4 * sd.max()
+    budget = by_source(np.full((1, 1, 1), 1 / noise), sd[None, :, None] / noise, list(standard_uncertainties))
     parts = {name: np.sqrt(part[0, 0, 0]) for name, part in budget.parts.items() if name != NOISE}
     return {**parts, "combined": np.sqrt(budget.total[0, 0, 0])}
 

@@ -18,12 +18,19 @@ from bayestissue import resources
 from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, with_normal_errors
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    impact_likelihood,
+    log_likelihood,
+    with_contact_at,
+    with_normal_errors,
+)
 from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results import uncertainty_budget as sources
-from bayestissue.inference.results.errors import TraceErrors, as_expected, trace_errors
+from bayestissue.inference.results.errors import TraceErrors, trace_errors
 from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
 from bayestissue.likelihood.element.record import CONTACT
 from bayestissue.simulation import Simulation, simulate
@@ -97,7 +104,9 @@ def on_grid(model: TraceModel, data: TraceData, points: jax.Array) -> jax.Array:
 
 def by_quadrature(given: Prepared, u: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Variance of log K of every impact under its likelihood, over six standard deviations of K and C."""
-    data = as_expected(given, u)
+    data = with_normal_errors(given.data)
+    expected = impact_likelihood(given.model, data, list(jnp.asarray(u).T)).response().d
+    data = replace(data, record=data.record.with_traces(expected))
     steps = np.linspace(-6, 6, 61)
     pairs = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
     factor = np.linalg.cholesky(covariance[:, :2, :2])
@@ -250,7 +259,8 @@ def test_contact_that_the_traces_tell_is_known_but_for_a_normal_error() -> None:
     specification = read_specification(resources.shared("models", "impact.toml").parent / "maxwell.toml")
     given = prepare(dataset, specification, source="maxwell")
     assert given.data.record.contact.reach
-    record = as_expected(given, first_guess(given)).record
+    stated = impact_likelihood(given.model, given.data, list(jnp.asarray(first_guess(given)).T))
+    record = with_contact_at(given.data, stated, stated.mean_first_time()).record.with_normal_errors()
     assert not record.contact.reach
     assert not np.asarray(record.contact.uniform).any()
     assert (np.asarray(record.error_sd)[:, CONTACT] > 0).all()

@@ -175,7 +175,8 @@ def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = Non
     z = np.random.default_rng(0).standard_normal((_DRAWS, *centre.shape))
     u = centre + np.einsum("iab,dib->dia", root, z)
     keys = jax.random.split(jax.random.PRNGKey(0), _DRAWS)
-    errors = sign * _errors(prepared.model, data, u, keys)[..., column]
+    # The chain's errors come last.
+    errors = sign * _errors(prepared.model, data, u, keys)[..., column - sd.shape[1]]
     # Where velocity and K do nearly the same to a trace the normal that is drawn from is wide, and one draw
     # may lie where no impact is: its error is none, or thousands of times the others'.
     drawn = np.ma.masked_invalid(errors)

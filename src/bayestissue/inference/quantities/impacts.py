@@ -97,14 +97,12 @@ class Impacts:
         located = stated.with_contact_found(key)
         response = located.response()
 
-        def given_record(key: Array) -> tuple[Array, Array]:
-            errors = located.draw_errors(key, response)
-            return errors, located.draw_discrepancy(jax.random.fold_in(key, 3), errors, response)
+        def given_record(key: Array) -> Array:
+            return located.draw_errors(key, response)
 
-        def before_record(key: Array) -> tuple[Array, Array]:
-            return located.prior_errors(key), located.prior_discrepancy(jax.random.fold_in(key, 3))
-
-        errors, delta = jax.lax.cond(recorded, given_record, before_record, key)
+        errors = jax.lax.cond(recorded, given_record, located.prior_errors, key)
+        delta = located.discrepancy(errors)
+        errors = errors[:, -len(data.record.errors) :]
         measured = located.as_drawn(errors[:, CONTACT])
         errors = errors.at[:, CONTACT].add(data.record.first_time - located.record.first_time)
         velocity_error = data.record.velocity_error(errors, velocity_key)

@@ -2,16 +2,16 @@
 
 The sources are noise, measuring chain, mass, element, people, conditions and impacts. Everything is normal on
 the log scale once the standard deviations are given. A posterior variance V is then homogeneous of degree one
-in the variances that make it, so that V = sum_s v_s dV/dv_s: what each source makes adds up to the whole, and
-is what a small change of that source alone would change. Of an impact this takes N and its parts N_a of
-`bayestissue.inference.results.errors`; of the population's means, those of all impacts.
+in the variances v_s that make it, so that V = sum_s v_s dV/dv_s: what each source makes, by the derivative,
+adds up to the whole, and is what a small change of that source alone would change. Of an impact this takes N
+and its parts of `bayestissue.inference.results.errors`; of the population's means, those of all impacts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -85,7 +85,7 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
         rows = np.unique(np.linspace(0, rows[-1], MOST_IMPACTS).astype(int))
     part = some_of(prepared, rows)
     u = np.median(draws.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
-    middle = _Hierarchy(part, _middle(part, draws, np.median))
+    middle = _Hierarchy.of(part, _middle(part, draws, np.median))
     errors = trace_errors(part, u, _RIDGE * np.linalg.inv(middle.omega))
     drawn = {q: np.var(np.log(draws.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
     tables = [
@@ -96,7 +96,7 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
     means = {q: {PERSON_AND_CONDITION: variance} for q, variance in typical.items()}
     if not many:
         # Variances of means are linear in those of the hyperparameters, whose posteriors have long tails.
-        means = _Hierarchy(part, _middle(part, draws, _root_mean_square)).of_means(errors)
+        means = _Hierarchy.of(part, _middle(part, draws, _root_mean_square)).of_means(errors)
         means = _with_masses(means, draws)
         tables.append(_shares(TYPICAL_PERSON, means, typical))
     added = {q: _new_levels(prepared, draws, q) for q in RESPONSES}
@@ -155,77 +155,147 @@ def _scatter(
 @compiled_quickly
 def _dense(
     model: TraceModel, design: PopulationDesign, hyperparameters: Hyperparameters
-) -> tuple[Covariances, Float[Array, "parameter location entry"], Float[Array, "location location"]]:
-    """The hierarchy at these standard deviations: covariances, columns of X, prior precision of b."""
-    covariances, unit = model.covariances(hyperparameters), jnp.eye(model.locations.size)
-    precision = covariances.precision_among(jnp.arange(len(unit)))
-    return covariances, expected_by_cell(design, unit), precision
+) -> tuple[Covariances, Float[Array, "parameter location entry"]]:
+    """The hierarchy at these standard deviations: covariances, and columns of X."""
+    return model.covariances(hyperparameters), expected_by_cell(design, jnp.eye(model.locations.size))
 
 
-class _Hierarchy:
+class _Variances(NamedTuple):
+    """What makes the posterior variances, by source along the first axis.
+
+    Attributes:
+        measured: covariance of what the traces tell of u.
+        scatter: covariance of u about X b.
+        effects: prior variances of b's elements.
+        columns: X.
+    """
+
+    measured: Float[Array, "source impact parameter parameter"]
+    scatter: Float[Array, "source parameter parameter"]
+    effects: Float[Array, "source location"]
+    columns: Float[Array, "impact parameter location"]
+
+    def at(self, factor: Float[Array, " source"]) -> tuple[Array, Array, Array]:
+        """All sources' together, the variances of each multiplied by a factor."""
+        measured, scatter, effects = (
+            jnp.tensordot(factor, parts, axes=1) for parts in (self.measured, self.scatter, self.effects)
+        )
+        return measured, scatter, effects
+
+    def precision(self, measured: Array, scatter: Array) -> Float[Array, "location location"]:
+        """Of b, by the traces alone."""
+        weight = jnp.linalg.inv(scatter + measured)
+        return jnp.einsum("ial,iab,ibm->lm", self.columns, weight, self.columns)
+
+
+@compiled_quickly
+def _of_means(
+    variances: _Variances, means: Float[Array, "response location"]
+) -> Float[Array, "response source"]:
+    """Parts of the variance of such means of b's elements."""
+
+    def variance(factor: Array) -> Array:
+        measured, scatter, effects = variances.at(factor)
+        covariance = jnp.linalg.inv(variances.precision(measured, scatter) + jnp.diag(1 / effects))
+        return jnp.einsum("rl,lm,rm->r", means, covariance, means)
+
+    return jax.jacfwd(variance)(jnp.ones(len(variances.effects)))
+
+
+@compiled_quickly
+def _of_impacts(
+    variances: _Variances, masses: Float[Array, " source"], whole: Float[Array, ""]
+) -> tuple[Float[Array, "impact parameter"], Float[Array, "impact parameter source"]]:
+    """The variance of each impact's parameters, and what traces, scatter and errors of masses make of it.
+
+    The rest is what is not known of persons and conditions.
+
+    Args:
+        variances: what makes it.
+        masses: 1 of the source that errors of masses are, else 0.
+        whole: 0 where b counts as known but for such errors, else 1.
+    """
+    one = jnp.ones(len(variances.effects))
+    measured, scatter, _ = variances.at(one)
+    precision = whole * variances.precision(measured, scatter)
+    left_open = whole * measured @ jnp.linalg.inv(scatter + measured) @ variances.columns
+    # K and C are those at the true mass: what is recorded, and its error.
+    pulled = left_open - jnp.where(masses @ variances.effects > 0, variances.columns, 0.0)
+
+    def variance(factor: Array) -> Array:
+        measured, scatter, _ = variances.at(factor)
+        given_means = jnp.linalg.inv(jnp.linalg.inv(scatter) + jnp.linalg.inv(measured))
+        effects = variances.at(jnp.where(masses > 0, factor, 1.0))[2]
+        covariance = jnp.linalg.inv(precision + jnp.diag(1 / effects))
+        return jnp.diagonal(given_means, axis1=1, axis2=2) + ((pulled @ covariance) * pulled).sum(-1)
+
+    return variance(one), jax.jacfwd(variance)(one)
+
+
+class _Hierarchy(NamedTuple):
     """The normal hierarchy with its standard deviations given, every covariance by source."""
 
-    def __init__(self, prepared: Prepared, hyperparameters: Hyperparameters) -> None:
-        self._prepared = prepared
-        design = prepared.data.design
-        arrays = _dense(prepared.model, design._replace(cell=np.zeros(0, int)), hyperparameters)
-        self._covariances, columns, self._prior = jax.device_get(arrays)
-        self._columns = columns[..., np.asarray(design.cell)].transpose(2, 0, 1)
-        self._scatter = _scatter(prepared, self._covariances)
-        self.omega = np.sum(list(self._scatter.values()), axis=0)
-        self._both = (np.arange(len(self.omega)) < 2).astype(float)
-        # Prior variances of b's elements, of those alone that are errors of masses.
-        of_masses = np.zeros(len(self._covariances.locations), bool)
-        of_masses[prepared.model.locations.parts.get(MASS_ERROR, slice(0))] = True
-        self._masses_alone = np.where(of_masses, self._covariances.locations**2, 0.0)
-        self._errors_of_masses = -np.where(of_masses, self._columns, 0.0)
+    prepared: Prepared
+    scatter: dict[str, Float[np.ndarray, "parameter parameter"]]
+    effects: dict[str, Float[np.ndarray, " location"]]
+    columns: Float[np.ndarray, "impact parameter location"]
 
-    def _measured(self, errors: TraceErrors) -> tuple[Matrices, dict[str, Matrices]]:
-        """What the traces' errors and the mass's add, all together and by source."""
-        of_mass = self._prepared.model.own_mass_sd**2 * np.multiply.outer(self._both, self._both)
-        by_source = {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
-        return errors.total + of_mass, by_source
+    @classmethod
+    def of(cls, prepared: Prepared, hyperparameters: Hyperparameters) -> _Hierarchy:
+        """At these standard deviations."""
+        design, locations = prepared.data.design, prepared.model.locations
+        arrays = _dense(prepared.model, design._replace(cell=np.zeros(0, int)), hyperparameters)
+        covariances, columns = jax.device_get(arrays)
+        sources = _sources(prepared)
+        names = (MASS, PEOPLE, CONDITIONS, *sources.values(), PRIORS)
+        effects = {name: np.zeros(locations.size) for name in names}
+        for part in locations.blocks:
+            source = MASS if part.name == MASS_ERROR else sources[part.spread] if part.spread else PRIORS
+            rows = locations.parts[part.name]
+            effects[source][rows] = np.asarray(covariances.locations)[rows] ** 2
+        columns = columns[..., np.asarray(design.cell)].transpose(2, 0, 1)
+        return cls(prepared, _scatter(prepared, covariances), effects, columns)
+
+    @property
+    def omega(self) -> Float[np.ndarray, "parameter parameter"]:
+        """Covariance of u about X b."""
+        return np.sum(list(self.scatter.values()), axis=0)
+
+    def _measured(self, errors: TraceErrors) -> dict[str, Matrices]:
+        """What the traces' errors add, and the mass's that every impact has by itself."""
+        both = (np.arange(len(self.omega)) < 2).astype(float)
+        of_mass = self.prepared.model.own_mass_sd**2 * np.multiply.outer(both, both)
+        return {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
+
+    def _variances(self, errors: TraceErrors) -> tuple[list[str], _Variances]:
+        """Names of all sources, and their variances."""
+        tables = (self._measured(errors), self.scatter, self.effects)
+        names = list(dict.fromkeys(name for table in tables for name in table))
+        parts = (
+            np.stack([table.get(name, np.zeros_like(table[next(iter(table))])) for name in names])
+            for table in tables
+        )
+        return names, _Variances(*parts, self.columns)
 
     def of_traces(self, errors: TraceErrors) -> dict[str, dict[str, np.ndarray]]:
         """By response and source: the variance of each impact's log given its trace alone, [impact]."""
-        _, measured = self._measured(errors)
+        measured = self._measured(errors)
         return {q: {name: v[:, at, at] for name, v in measured.items()} for at, q in enumerate(RESPONSES)}
 
     def of_means(self, errors: TraceErrors) -> dict[str, dict[str, float]]:
         """By response and source: the variance of the population's mean log at the reference mass."""
-        noise, measured = self._measured(errors)
-        weight = np.linalg.inv(self.omega + noise)
-        covariance = self._covariance_of_means(weight)
-        parts = self._prepared.model.locations.parts
-        shares: dict[str, dict[str, float]] = {}
-        for response in RESPONSES:
-            v = covariance[:, parts[f"intercept_{response}"].start]
-            covariates = typical_covariates(self._prepared.design, response)
-            if len(covariates):
-                v = v + covariance[:, parts[f"covariate_effect_{response}"]] @ covariates
-            w = np.einsum("iab,ibl,l->ia", weight, self._columns, v)
-            of_measured = {
-                name: float(np.einsum("ia,iab,ib->", w, matrix, w)) for name, matrix in measured.items()
-            }
-            of_scatter = {
-                name: float(np.einsum("ia,ab,ib->", w, matrix, w)) for name, matrix in self._scatter.items()
-            }
-            shares[response] = _summed(of_measured, of_scatter, self._of_effects(v))
-        return shares
-
-    def _covariance_of_means(self, weight: Matrices) -> Float[np.ndarray, "location location"]:
-        precision = np.einsum("ial,iab,ibm->lm", self._columns, weight, self._columns, optimize=True)
-        return np.linalg.inv(precision + self._prior)
-
-    def _of_effects(self, v: Float[np.ndarray, " location"]) -> dict[str, float]:
-        """What people, their masses, conditions and priors add, of v' (prior precision) v."""
-        sources, locations = _sources(self._prepared), self._prepared.model.locations
-        variances = (self._prior @ v) ** 2 * self._covariances.locations**2
-        groups = dict.fromkeys((MASS, PEOPLE, CONDITIONS, *sources.values(), PRIORS), 0.0)
-        for part in locations.blocks:
-            source = MASS if part.name == MASS_ERROR else sources[part.spread] if part.spread else PRIORS
-            groups[source] += float(variances[locations.parts[part.name]].sum())
-        return groups
+        locations = self.prepared.model.locations
+        means = np.zeros((len(RESPONSES), locations.size))
+        for row, q in zip(means, RESPONSES, strict=True):
+            row[locations.parts[f"intercept_{q}"].start] = 1.0
+            if len(covariates := typical_covariates(self.prepared.design, q)):
+                row[locations.parts[f"covariate_effect_{q}"]] = covariates
+        names, variances = self._variances(errors)
+        parts = np.asarray(_of_means(variances, means))
+        return {
+            q: dict(zip(names, of_response.tolist(), strict=True))
+            for q, of_response in zip(RESPONSES, parts, strict=True)
+        }
 
     def of_impacts(self, errors: TraceErrors, whole: bool) -> dict[str, dict[str, np.ndarray]]:
         """By response and source: the variance of each impact's log, [impact].
@@ -233,29 +303,17 @@ class _Hierarchy:
         Where the data are not ``whole``, the means of person and condition count as known, and of errors of
         masses that impacts share all that the dataset declares is left.
         """
-        noise, measured = self._measured(errors)
-        precision = np.linalg.inv(noise)
-        V = np.linalg.inv(np.linalg.inv(self.omega) + precision)
-        gain = V @ precision
-        left = np.eye(gain.shape[1]) - gain
-        by_source = _summed(
-            {name: np.einsum("iab,ibc,iac->ia", gain, matrix, gain) for name, matrix in measured.items()},
-            {name: np.einsum("iab,bc,iac->ia", left, matrix, left) for name, matrix in self._scatter.items()},
-        )
-        if whole:
-            covariance = self._covariance_of_means(np.linalg.inv(self.omega + noise))
-            # K and C are those at the true mass: what is recorded, and its error.
-            pulled = left @ self._columns + self._errors_of_masses
-            posterior = np.einsum("ial,lm->iam", pulled, covariance)
-            of_mass = np.einsum("ial,l->ia", (posterior @ self._prior) ** 2, self._masses_alone)
-            by_source[PERSON_AND_CONDITION] = np.einsum("ial,ial->ia", posterior, pulled) - of_mass
-            by_source[MASS] = by_source[MASS] + of_mass
-        else:
-            of_mass = np.einsum("ial,l->ia", self._errors_of_masses**2, self._masses_alone)
-            by_source[MASS] = by_source[MASS] + of_mass
-        return {
-            q: {name: v[:, number] for name, v in by_source.items()} for number, q in enumerate(RESPONSES)
-        }
+        names, variances = self._variances(errors)
+        masses = np.array([name == MASS for name in names], float)
+        total, parts = (np.asarray(part) for part in _of_impacts(variances, masses, float(whole)))
+        own = dict.fromkeys([*self._measured(errors), *self.scatter])
+        table: dict[str, dict[str, np.ndarray]] = {}
+        for number, q in enumerate(RESPONSES):
+            by_source = dict(zip(names, parts[:, number].T, strict=True))
+            table[q] = {name: by_source[name] for name in own}
+            if whole:
+                table[q][PERSON_AND_CONDITION] = total[:, number] - parts[:, number].sum(1)
+        return table
 
 
 def _sources(prepared: Prepared) -> dict[str, str]:

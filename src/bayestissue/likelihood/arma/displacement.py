@@ -17,19 +17,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements.element import GRAVITY
 from bayestissue.likelihood import small
 from bayestissue.likelihood.arma.arma21 import arma21_series
-from bayestissue.likelihood.linear_errors import (
-    Products,
-    draw_errors,
-    from_lower_entries,
-    marginal_log_likelihood,
-    part_of,
-    prior_errors,
-)
+from bayestissue.likelihood.channels import Channel, MeasuredTraces
+from bayestissue.likelihood.linear_errors import Errors, Products, from_lower_entries, part_of
 from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
 from bayestissue.likelihood.transforms import FILLED, transformed
 from bayestissue.oscillator import to_differences
@@ -141,45 +135,25 @@ def displacement_record(
     return DisplacementRecord(*jax.tree.map(jnp.asarray, parts))
 
 
-def displacement_products(
-    record: DisplacementRecord, c1: Array, c2: Array, theta1: Array, fall: Array
-) -> Products:
-    """Products of w_t = x''_t + c1 x'_{t-1} + c2 (x_{t-2} - x_e) and of what the errors' columns become.
+class MovingAverage(NamedTuple):
+    """The noise of a transformed trace, over sigma: independent from frequency to frequency.
 
-    From those of w without gravity's constant, 1, t and t^2, in one pass over frequencies. The constant
-    becomes c2, the ramp c1 dt + c2 t, half the parabola dt^2 + c1 dt (t + dt / 2) + c2 t^2 / 2, all at t - 2.
-
-    Args:
-        record: the traces.
-        c1: 2 - phi1, for each impact.
-        c2: 1 - phi1 - phi2.
-        theta1: moving-average coefficient.
-        fall: c2 x_e [m].
+    Attributes:
+        inside: where there is a frequency.
+        eigenvalue: its variance.
     """
-    bend, slope, level, *powers = record.columns
-    parts = (bend + c1[:, None] * slope + c2[:, None] * level, *powers)
-    weight = 1 / eigenvalues(theta1[:, None], record.spread)
-    over = [part * weight for part in parts]
-    entries = sums_over_frequencies(tuple(over[a] * parts[b] for a in range(4) for b in range(a + 1)))
-    plain, dt = from_lower_entries(entries), record.dt
-    columns = (
-        (c2,),
-        (c1 * dt, c2),
-        (dt**2 * (1 + c1 / 2), c1 * dt, c2 / 2),
-    )
-    w = [plain[0][b] - fall * plain[1][b] for b in range(4)]
-    with_w = [small.dot(column, w[1:]) for column in columns]
-    rows = [[small.dot(column, plain[b + 1][1:]) for b in range(3)] for column in columns]
-    lower = [w[0] - fall * w[1]]
-    for a in range(3):
-        lower += [with_w[a], *(small.dot(columns[b], rows[a]) for b in range(a + 1))]
-    count = record.n_samples - 2.0
-    return Products(from_lower_entries(lower), log_determinant(theta1, count), count)
+
+    inside: Bool[Array, " frequency"]
+    eigenvalue: Float[Array, " frequency"]
+
+    def whitened(self, parts: Float[Array, "*part frequency"]) -> Float[Array, "*part frequency"]:
+        """T^-1/2 p."""
+        return parts / jnp.sqrt(self.eigenvalue)
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class MeasuredDisplacement:
+class MeasuredDisplacement(MeasuredTraces):
     """The likelihood of displacement traces: ARMA(2,1) plus the measuring chain's linear errors.
 
     The density is that of x_3 ... x_n given x_1 and x_2 with the errors integrated out, from the stored
@@ -199,6 +173,11 @@ class MeasuredDisplacement:
     log_sigma: Float[Array, " impact"]
     record: DisplacementRecord
 
+    @property
+    def errors(self) -> Errors:
+        """Constant, ramp and parabola."""
+        return Errors(self.record.error_sd)
+
     def differences(self) -> tuple[Array, Array, Array]:
         """c1, c2 and theta1 of each impact."""
         c1, c2, sampled = to_differences(self.omega_n, self.zeta, self.record.dt)
@@ -209,22 +188,51 @@ class MeasuredDisplacement:
         along = self.record.gravity
         return jnp.zeros_like(self.omega_n) if along is None else along / self.omega_n**2
 
+    def _series(self, c1: Array, c2: Array) -> tuple[Float[Array, "block impact lane"], ...]:
+        """Transforms of x''_t + c1 x'_{t-1} + c2 x_{t-2} and of 1, t and t^2 at t - 2."""
+        bend, slope, level, *powers = self.record.columns
+        return bend + c1[:, None] * slope + c2[:, None] * level, *powers
+
+    def _mixture(self, c1: Array, c2: Array) -> list[list[Any]]:
+        """How residual and errors are made of these series.
+
+        Of w less gravity's constant c2 x_e, and of what the constant, the ramp and half the parabola become:
+        c2, c1 dt + c2 t, and dt^2 + c1 dt (t + dt / 2) + c2 t^2 / 2, all at t - 2.
+        """
+        dt = self.record.dt
+        return [
+            [1.0, -c2 * self.equilibrium()],
+            [0.0, c2],
+            [0.0, c1 * dt, c2],
+            [0.0, dt**2 * (1 + c1 / 2), c1 * dt, c2 / 2],
+        ]
+
     def products(self) -> Products:
-        """See `displacement_products`."""
+        """From those of the series, in one pass over frequencies."""
         c1, c2, theta1 = self.differences()
-        return displacement_products(self.record, c1, c2, theta1, c2 * self.equilibrium())
+        series, weight = self._series(c1, c2), 1 / eigenvalues(theta1[:, None], self.record.spread)
+        over = [part * weight for part in series]
+        entries = sums_over_frequencies(tuple(over[a] * series[b] for a in range(4) for b in range(a + 1)))
+        plain, mixture = from_lower_entries(entries), self._mixture(c1, c2)
+        half = small.product(mixture, plain)
+        gram = small.symmetric(4, lambda a, b: small.dot(mixture[b], half[a]))
+        count = self.record.n_samples - 2.0
+        return Products.of_unit_noise(gram, log_determinant(theta1, count), count, self.log_sigma)
 
-    def log_density(self) -> Float[Array, " impact"]:
-        """Log density of each recorded trace, its errors integrated out."""
-        return marginal_log_likelihood(self.products(), self.log_sigma, self.record.error_sd)
+    def channels(self) -> list[Channel[MovingAverage]]:
+        """The transformed traces."""
+        c1, c2, theta1 = self.differences()
 
-    def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
-        """The chain's errors given the recorded traces: constant, ramp and parabola."""
-        return draw_errors(key, self.products(), self.log_sigma, self.record.error_sd)
+        def by_frequency(part: Array) -> Array:
+            return part.swapaxes(1, 2).reshape(-1, part.shape[1])
 
-    def prior_errors(self, key: Array) -> Float[Array, "impact 3"]:
-        """The same before any trace is seen."""
-        return prior_errors(key, self.omega_n.shape, self.record.error_sd)
+        series = [by_frequency(part) for part in self._series(c1, c2)]
+        rows = jnp.stack([small.dot(row, series) for row in self._mixture(c1, c2)])
+        residual, *columns = rows.swapaxes(1, 2)[:, :, None]
+        eigenvalue = by_frequency(eigenvalues(theta1[:, None], self.record.spread)).T
+        inside = jnp.arange(eigenvalue.shape[1]) < self.record.n_samples[:, None] - 2
+        noise = MovingAverage(inside, eigenvalue)
+        return [Channel(residual, jnp.stack(columns, axis=2), self.log_sigma, noise)]
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces from the record's first two values on: the recursion, then the chain's errors."""
@@ -232,7 +240,7 @@ class MeasuredDisplacement:
         record = self.record
         c1, c2, theta1 = self.differences()
         shape, width = (*sample_shape, len(record.x)), record.x.shape[1]
-        errors = prior_errors(key_of_errors, shape, record.error_sd)
+        errors = self.prior_errors(key_of_errors, sample_shape)
         time = record.first_time[:, None] + jnp.arange(width) * record.dt[:, None]
         e0, e1, e2 = (errors[..., i, None] for i in range(3))
         added = e0 + e1 * time + e2 * time**2 / 2 + self.equilibrium()[:, None]

@@ -28,50 +28,29 @@ from jax.scipy.special import log_ndtr
 from jaxtyping import Float
 
 from bayestissue.likelihood import small
-from bayestissue.likelihood.element import contact
+from bayestissue.likelihood.channels import Channel
+from bayestissue.likelihood.element.noise import Noise
 from bayestissue.likelihood.element.record import DecelerationRecord
-from bayestissue.likelihood.element.response import Response
-from bayestissue.likelihood.linear_errors import LOG_2PI, Products, predicted_given
+from bayestissue.likelihood.linear_errors import LOG_2PI, Errors, Products, predicted_given
 
 
 def log_probability(
-    predicted: Response,
-    record: DecelerationRecord,
-    error_sd: Float[Array, "#cell impact error"],
-    log_sigma: Float[Array, " impact"],
-    log_discrepancy: Float[Array, " impact"] | None = None,
+    channel: Channel[Noise], record: DecelerationRecord, products: Products, errors: Errors
 ) -> Float[Array, "cell impact"]:
     """Log P for contact in each cell.
 
     Args:
-        predicted: the impact.
+        channel: of the deceleration.
         record: the traces, some samples of which are clipped.
-        error_sd: of the chain's errors.
-        log_sigma: log of the noise's standard deviation [m/s^2].
-        log_discrepancy: log of the discrepancy's rms [m/s^2]; None without one.
+        products: of all samples that are not.
+        errors: of the chain, and the discrepancy's.
     """
     assert record.clipped is not None  # noqa: S101 - for the type checker
-    reach = record.contact.reach
-    rows = contact.rows_by_cell(predicted, record)
-    columns = rows.columns
-    if log_discrepancy is not None:
-        basis = jnp.pad(record.discrepancy.basis, ((0, 0), (0, 0), (reach, 0)))[:, None]
-        basis = jnp.broadcast_to(basis, (*columns.shape[:2], *basis.shape[2:]))
-        columns = jnp.concatenate([basis, columns], axis=2)
-        sd = jnp.exp(log_discrepancy)[:, None] * jnp.sqrt(record.discrepancy.share)
-        sd = jnp.broadcast_to(sd, (len(error_sd), *sd.shape))
-        error_sd = jnp.concatenate([sd, error_sd], axis=-1)
-    observed = jnp.concatenate([record.contact.counts, record.observed()], axis=1)
-    parts = jnp.concatenate([rows.residual[:, :, None], columns], axis=2)
-    observed_parts = jnp.where(observed[:, None, None], parts, 0.0)
-    # [part, part, cell, impact] and [error, sample, cell, impact]
-    gram = jnp.einsum("icar,icbr->abci", observed_parts, observed_parts)
-    count = observed.sum(-1) + 0.0
-    products = Products(gram, jnp.zeros_like(count), count)
-    further = jnp.transpose(columns[..., reach:], (2, 3, 1, 0))
-    mean, along = predicted_given(products, log_sigma, error_sd, further, record.contact.uniform)
+    reach, log_sigma = record.contact.reach, channel.log_sigma
+    further = jnp.transpose(channel.columns[..., reach:], (2, 3, 1, 0))
+    mean, along = predicted_given(products, errors, further)
     # The residual is the limit less the impact.
-    above = mean - jnp.transpose(rows.residual[..., reach:], (2, 1, 0))
+    above = mean - jnp.transpose(channel.residual[..., reach:], (2, 1, 0))
     sign = jnp.where(record.inside(), record.clipped, 0.0).T[:, None]
     at_limit, scaled = sign != 0, sign * jnp.exp(-log_sigma)
     a = jnp.where(at_limit, scaled * above, 0.0)

@@ -21,17 +21,15 @@ Where contact is known to be at a sample, a cell is the one moment there.
 
 from __future__ import annotations
 
-from functools import partial
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.likelihood.element.noise import Noise, filtered
-from bayestissue.likelihood.element.record import CONTACT, OF_FORCE, DecelerationRecord
+from bayestissue.likelihood.channels import Channel
+from bayestissue.likelihood.element.noise import Noise, filtered, products, products_under
+from bayestissue.likelihood.element.record import CONTACT, GAIN, OFFSET, DecelerationRecord
 from bayestissue.likelihood.element.response import Response, columns
 from bayestissue.likelihood.linear_errors import Products
 
@@ -54,35 +52,40 @@ def error_sd(record: DecelerationRecord) -> Float[Array, "#cell impact error"]:
     return by_cell.at[..., CONTACT].set(in_cell)
 
 
-class ByCell(NamedTuple):
-    """A trace, those samples before the first that may count among it, for contact in each cell.
+def noise_of(record: DecelerationRecord) -> Noise:
+    """The noise of every trace, the samples before the first among it."""
+    inside = jnp.concatenate([record.contact.counts, record.observed()], axis=1)
+    return Noise.of(inside, record.colour, record.rate)
 
-    Attributes:
-        residual: what the impact leaves of it [m/s^2].
-        columns: what a unit of each error adds, as `DecelerationRecord.error_sd` has them.
+
+def channel_of(
+    response: Response, record: DecelerationRecord, log_sigma: Float[Array, " impact"]
+) -> Channel[Noise]:
+    """The deceleration, and samples before the first that may count, for contact in each cell.
+
+    Where contact is not known, no recorder's low-pass is between. Its errors are the weights of the
+    discrepancy's modes, and those of the chain as `DecelerationRecord.error_sd` has them.
     """
-
-    residual: Float[Array, "impact cell row"]
-    columns: Float[Array, "impact cell error row"]
-
-
-def rows_by_cell(response: Response, record: DecelerationRecord) -> ByCell:
-    """The rows of which `products` are, where these are made cell by cell; no recorder's low-pass."""
-    reach = record.contact.reach
+    reach, parts = record.contact.reach, jnp.stack(columns(response, record), axis=1)
     if not reach:
-        parts = jnp.stack(columns(response, record), axis=1)[:, None]
-        return ByCell((record.d - response.d)[:, None], parts)
-    samples = jnp.concatenate([record.contact.before, record.d], axis=1)
-    of_errors = (response.by_velocity, response.d, jnp.ones_like(response.d), -response.jerk)
-    parts = jnp.stack(of_errors, axis=1)
-    if record.uneven is not None:
-        parts = parts.reshape(*parts.shape[:2], reach, -1).swapaxes(1, 2)
+        samples, d, parts = record.d, response.d[:, None], parts[:, None]
     else:
-        width = samples.shape[1]
-        longer = jnp.pad(parts, ((0, 0), (0, 0), (reach, 0)))
-        parts = jnp.stack([longer[..., cell : cell + width] for cell in range(reach)], axis=1)
-    parts = parts.at[:, :, 2].set(offset_row(record)[:, None])
-    return ByCell(samples[:, None] - parts[:, :, 1], parts)
+        samples = jnp.concatenate([record.contact.before, record.d], axis=1)
+        if record.uneven is not None:
+            parts = parts.reshape(*parts.shape[:2], reach, -1).swapaxes(1, 2)
+        else:
+            width = samples.shape[1]
+            longer = jnp.pad(parts, ((0, 0), (0, 0), (reach, 0)))
+            parts = jnp.stack([longer[..., cell : cell + width] for cell in range(reach)], axis=1)
+        d, parts = parts[:, :, GAIN], parts.at[:, :, OFFSET].set(offset_row(record)[:, None])
+    modes = jnp.broadcast_to(modes_of(record)[:, None], (*parts.shape[:2], *modes_of(record).shape[1:]))
+    every = jnp.concatenate([modes, parts], axis=2)
+    return Channel(samples[:, None] - d, every, log_sigma, noise_of(record), record.colour.stride)
+
+
+def modes_of(record: DecelerationRecord) -> Float[Array, "impact mode row"]:
+    """What a unit of each weight of the discrepancy's modes adds to each sample; nothing before the first."""
+    return jnp.pad(record.discrepancy.basis, ((0, 0), (0, 0), (record.contact.reach, 0)))
 
 
 def offset_row(record: DecelerationRecord) -> Float[Array, "impact row"]:
@@ -91,123 +94,101 @@ def offset_row(record: DecelerationRecord) -> Float[Array, "impact row"]:
     return jnp.concatenate([before, jnp.ones_like(record.d)], axis=1)
 
 
-def products(response: Response, record: DecelerationRecord, noise: Noise) -> Products:
-    """Products of the residual and the errors' columns, each [cell, impact]; of a known contact one cell."""
+def products_in_cells(
+    response: Response, record: DecelerationRecord, log_sigma: Float[Array, " impact"]
+) -> Products:
+    """The products of `channel_of`; where the same response is shifted from cell to cell it is made once."""
     reach, stride = record.contact.reach, record.colour.stride
-    if record.clipped is not None or (reach and record.uneven is not None):
-        by_cell = rows_by_cell(response, record)
-        parts = jnp.concatenate([by_cell.residual[:, :, None], by_cell.columns], axis=2)
-        parts = jnp.where(noise.inside[:, None, None], parts, 0.0)
-        gram = jax.vmap(jax.vmap(Noise.gram, in_axes=(None, 0)), out_axes=-1)(noise, parts)
-        gram = jnp.moveaxis(gram, 0, 2)
-    elif reach:
-        samples = jnp.concatenate([record.contact.before, record.d], axis=1)[:, ::stride]
-        from_contact = (response.by_velocity, response.d, jnp.ones_like(response.d), -response.jerk)
-        in_cells = partial(_gram_in_cells, reach, len(record.phase), stride)
-        rows = samples, jnp.where(noise.inside, offset_row(record)[:, ::stride], 0.0)
-        gram = jax.vmap(in_cells, out_axes=-1)(noise, *rows, jnp.stack(from_contact, axis=1))
-    else:
-        residual = jnp.where(record.inside(), record.d - response.d, 0.0)
-        parts = jnp.stack([residual, *columns(response, record)], axis=1)[..., ::stride]
-        gram = jax.vmap(Noise.gram, out_axes=-1)(noise, parts)[:, :, None]
-    if reach and record.force is not None:
-        # Errors of the force's zero and clock are nothing to the deceleration.
-        of_deceleration = np.delete(np.arange(1 + record.error_sd.shape[1]), 1 + np.array(OF_FORCE))
-        whole = jnp.zeros((len(of_deceleration) + 2, len(of_deceleration) + 2, *gram.shape[2:]))
-        gram = whole.at[np.ix_(of_deceleration, of_deceleration)].set(gram)
-    return Products(gram, jax.vmap(Noise.log_determinant)(noise), noise.inside.sum(-1) + 0.0)
+    if not reach or record.uneven is not None or record.clipped is not None:
+        return products(channel_of(response, record, log_sigma))
+    noise, modes = noise_of(record), modes_of(record)
+    samples = jnp.concatenate([record.contact.before, record.d], axis=1)
+    fixed = jnp.concatenate([samples[:, None], modes, offset_row(record)[:, None]], axis=1)[..., ::stride]
+    fixed = jnp.where(noise.inside[:, None], fixed, 0.0)
+    shifted = jnp.stack([response.by_velocity, response.d, -response.jerk], axis=1)
+    by_phase = jnp.moveaxis(shifted.reshape(*shifted.shape[:2], -1, len(record.phase)), -1, 0)
 
+    def of_impact(noise: Noise, fixed: Array, shifted: Array) -> Array:
+        if noise.is_white:
+            return _slid_gram(noise, fixed, shifted, reach)
+        return _gram_by_cell(noise, fixed, shifted, reach, stride)
 
-def _gram_in_cells(
-    reach: int,
-    finer: int,
-    stride: int,
-    noise: Noise,
-    samples: Float[Array, " row"],
-    offset: Float[Array, " row"],
-    parts: Float[Array, "4 time"],
-) -> Float[Array, "5 5 cell"]:
-    """Products of residual, velocity, gain, offset and contact of one impact, for contact in each cell.
-
-    Args:
-        reach: in how many sampling intervals contact may be.
-        finer: cells of an interval.
-        stride: every how many samples are asked.
-        noise: of the trace.
-        samples: the trace, beginning with the samples before the first.
-        offset: what a unit of the zero's error adds to each of these.
-        parts: what by-velocity, deceleration, 1 and minus the jerk are from contact on, on the finer grid.
-    """
-    by_phase = jnp.moveaxis(parts.reshape(4, -1, finer), -1, 0)
-    if noise.is_white:
-        gram = jax.vmap(lambda phase: _slid_gram(reach, noise, samples, offset, phase))(by_phase)
-    else:
-        gram = jax.vmap(lambda phase: _gram_by_cell(reach, stride, noise, samples, offset, phase))(by_phase)
-    return jnp.moveaxis(gram.reshape(-1, 5, 5), 0, -1)
+    gram = jax.vmap(lambda shifted: jax.vmap(of_impact)(noise, fixed, shifted))(by_phase)
+    # From phase, impact and cell.
+    gram = jnp.moveaxis(gram, (0, 1, 2), (2, 4, 3))
+    gram = gram.reshape(*gram.shape[:2], -1, gram.shape[-1])
+    number = 1 + modes.shape[1]
+    offset, by_velocity, d, late = range(number, number + 4)
+    # Errors of a force's zero and clock are nothing to the deceleration.
+    of_force = [None] * 2 if record.force is not None else []
+    order = [*range(number), by_velocity, d, *of_force, offset, late]
+    none = jnp.zeros_like(gram[0, 0])
+    rows = [[none if a is None or b is None else gram[a, b] for b in order] for a in order]
+    # The residual is samples less deceleration.
+    rows[0] = [of_samples - of_d for of_samples, of_d in zip(rows[0], rows[order.index(d)], strict=True)]
+    for row in rows:
+        row[0] = row[0] - row[order.index(d)]
+    return products_under(noise, rows, log_sigma)
 
 
 def _gram_by_cell(
+    noise: Noise,
+    fixed: Float[Array, "fixed row"],
+    shifted: Float[Array, "shifted time"],
     reach: int,
     stride: int,
-    noise: Noise,
-    samples: Float[Array, " row"],
-    offset: Float[Array, " row"],
-    parts: Float[Array, "4 time"],
-) -> Float[Array, "cell 5 5"]:
-    """The products under any noise, cell by cell.
+) -> Float[Array, "cell part part"]:
+    """The products of an impact under any noise, cell by cell.
 
     What a filter's noise makes of the response from its first p samples on is shifted with it, and made once.
     """
-    longer = jnp.pad(parts, ((0, 0), (reach, 0)))
-    shifted = [longer]
-    if noise.is_filtered:
-        shifted.append(filtered(longer, noise.predictor, stride))
-    whitened = noise.whitened(jnp.stack([samples, offset]))
+    longer = jnp.pad(shifted, ((0, 0), (reach, 0)))
+    later, settled = filtered(longer, noise.predictor, stride), noise.whitened(fixed)
 
     def of_cell(shift: Array) -> Array:
-        rows, *later = (jax.lax.dynamic_slice(part, (0, shift), parts.shape)[:, ::stride] for part in shifted)
-        rows = jnp.where(noise.inside, rows, 0.0)
-        white = noise.completed(rows, *later) if later else noise.whitened(rows)
-        by_velocity, d, _, late = white
-        return noise.gram_of_white(jnp.stack([whitened[0] - d, by_velocity, d, whitened[1], late]))
+        rows = (
+            jax.lax.dynamic_slice(part, (0, shift), shifted.shape)[:, ::stride] for part in (longer, later)
+        )
+        white = noise.completed(*(jnp.where(noise.inside, part, 0.0) for part in rows))
+        white = jnp.concatenate([settled, white])
+        return white @ white.T
 
     return jax.vmap(of_cell)(jnp.arange(reach))
 
 
 def _slid_gram(
-    reach: int,
-    noise: Noise,
-    samples: Float[Array, " row"],
-    offset: Float[Array, " row"],
-    parts: Float[Array, "4 time"],
-) -> Float[Array, "cell 5 5"]:
-    """The products under white noise: by how much those of the first cell change from cell to cell.
+    noise: Noise, fixed: Float[Array, "fixed row"], shifted: Float[Array, "shifted time"], reach: int
+) -> Float[Array, "cell part part"]:
+    """The products of an impact under white noise: by how much they change from cell to cell.
 
-    Response k meets sample k + reach - s where contact is s intervals before the last cell.
+    Args:
+        noise: of the trace.
+        fixed: rows that are where the samples are, which begin before the first; the last is the offset's.
+        shifted: rows from contact on. Row k meets sample k + reach - s where contact is s intervals before
+            the last cell.
+        reach: number of cells.
     """
     recorded, number = noise.inside[:reach].sum(), noise.inside[reach:].sum()
-    width = parts.shape[1]
-    shift, response = jnp.arange(reach)[:, None], jnp.arange(reach)
+    width, moving = shifted.shape[1], jnp.concatenate([shifted, jnp.ones((1, shifted.shape[1]))])
+    shift, row = jnp.arange(reach)[:, None], jnp.arange(reach)
 
     def among(values: Array, counts: Array) -> Array:
         return jnp.einsum("sk,ak,bk->sab", counts + 0.0, values, values)
 
-    longer = jnp.pad(samples, (0, reach))
-    slid = [longer[reach - cell :][:width] for cell in range(reach)]
-    window = jnp.where(jnp.arange(width) < number, parts, 0.0)
-    sums = jnp.concatenate([jnp.stack(slid), window]) @ parts.T
-    with_samples, among_parts = sums[:reach], sums[reach:]
-    enters, leaves = jax.lax.dynamic_slice(parts, (0, number), (4, reach)), parts[:, :reach]
-    among_parts += among(enters, response < shift)
-    # The offset counts before contact too, but not where it does not show.
-    with_offset = among_parts[:, 2] - among(leaves, response < shift - offset[:reach].sum())[:, 2]
-    with_offset = with_offset.at[:, 2].set(offset.sum())
-    among_parts -= among(leaves, response < shift - recorded)
-    among_parts = among_parts.at[:, 2].set(with_offset).at[:, :, 2].set(with_offset)
-    with_samples = with_samples.at[:, 2].set(samples @ offset)
-    squares = jnp.broadcast_to(samples @ samples, (reach, 1, 1))
-    top = jnp.concatenate([squares, with_samples[:, None]], axis=2)
-    gram = jnp.concatenate([top, jnp.concatenate([with_samples[..., None], among_parts], axis=2)], axis=1)
-    # The residual is samples less deceleration.
-    gram = gram.at[:, 0].add(-gram[:, 2])
-    return gram.at[:, :, 0].add(-gram[:, :, 2])
+    longer = jnp.pad(fixed[:-1], ((0, 0), (0, reach)))
+    slid = [longer[:, reach - cell :][:, :width] for cell in range(reach)]
+    first = jnp.where(jnp.arange(width) < number, moving, 0.0)
+    *across, within = jnp.split(
+        jnp.concatenate([*slid, first]) @ moving.T, (1 + np.arange(reach)) * len(longer)
+    )
+    enters, leaves = jax.lax.dynamic_slice(moving, (0, number), (4, reach)), moving[:, :reach]
+    within = within + among(enters, row < shift)
+    # The offset does not show in all samples before the first.
+    with_offset = (within - among(leaves, row < shift - fixed[-1, :reach].sum()))[:, -1:]
+    within = within - among(leaves, row < shift - recorded)
+    across = jnp.concatenate([jnp.stack(across), with_offset], axis=1)[..., :-1]
+    still = jnp.broadcast_to(fixed @ fixed.T, (reach, len(fixed), len(fixed)))
+    upper = jnp.concatenate([still, across], axis=2)
+    return jnp.concatenate(
+        [upper, jnp.concatenate([across.swapaxes(1, 2), within[:, :-1, :-1]], axis=2)], axis=1
+    )

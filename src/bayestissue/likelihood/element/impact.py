@@ -12,25 +12,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from bayestissue.elements import Element
 from bayestissue.elements.element import impactor_share
+from bayestissue.likelihood import small
+from bayestissue.likelihood.channels import Channel, MeasuredTraces
 from bayestissue.likelihood.element import clipped, contact, noise, spring_damper
-from bayestissue.likelihood.element.force import force_rows, noise_of_force, noise_stride, with_force
+from bayestissue.likelihood.element.force import force_channel
+from bayestissue.likelihood.element.noise import Noise
 from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
-from bayestissue.likelihood.element.response import Response, columns, response
-from bayestissue.likelihood.linear_errors import (
-    Products,
-    draw_errors,
-    marginal_log_likelihood,
-    prior_errors,
-)
+from bayestissue.likelihood.element.response import Response, response
+from bayestissue.likelihood.linear_errors import Errors, Products, draw_errors, marginal_log_likelihood
 from bayestissue.oscillator import spring_damper_inverse
 
 # A response this many times the trace is no impact; the products would keep seven digits.
@@ -52,85 +50,19 @@ class NoiseParameters(NamedTuple):
     log_force_sigma: Float[Array, " impact"] | None = None
     log_force_ratio: Float[Array, " impact"] | None = None
 
-    def ratio(self) -> Float[Array, " impact"]:
-        """The discrepancy's rms over sigma."""
-        if self.log_discrepancy is None:
-            return jnp.zeros_like(self.log_sigma)
-        return jnp.exp(self.log_discrepancy - self.log_sigma)
 
+class Cells(NamedTuple):
+    """A trace for contact in each cell.
 
-def _densities(
-    predicted: Response, products: Products, parameters: NoiseParameters, record: DecelerationRecord
-) -> Array:
-    """Log density of each trace by contact in each cell, [cell, impact]."""
-    error_sd = contact.error_sd(record)
-    density = marginal_log_likelihood(products, parameters.log_sigma, error_sd, record.contact.uniform)
-    if record.clipped is not None:
-        density = density + clipped.log_probability(
-            predicted, record, error_sd, parameters.log_sigma, parameters.log_discrepancy
-        )
-    return density + jnp.log(contact.cell_width(record)) if record.contact.reach else density
-
-
-def _products(predicted: Response, parameters: NoiseParameters, record: DecelerationRecord) -> Products:
-    """Of the residual and the errors' columns, in all channels."""
-    products = contact.products(predicted, record, noise.noise_of(record, parameters.ratio()))
-    if parameters.log_force_sigma is None or parameters.log_force_ratio is None:
-        return products
-    sigmas = parameters.log_sigma, parameters.log_force_sigma
-    return with_force(products, predicted, record, parameters.log_force_ratio, *sigmas)
-
-
-def _log_density(
-    predicted: Response, parameters: NoiseParameters, record: DecelerationRecord
-) -> Float[Array, " impact"]:
-    products = _products(predicted, parameters, record)
-    density = jax.nn.logsumexp(_densities(predicted, products, parameters, record), axis=0)
-    if record.contact.reach:
-        density = density - record.contact.quiet_log_density
-    # Parameters far from anything seen may send a response beyond all bounds, where the products' digits are
-    # lost and a density would be anything.
-    greatest = _GREATEST * jnp.abs(record.d).max(-1)
-    return jnp.where(jnp.abs(predicted.d).max(-1) <= greatest, density, -jnp.inf)
-
-
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def element_log_likelihood(
-    element: Element,
-    parameters: Float[Array, "parameter impact"],
-    noise_parameters: NoiseParameters,
-    record: DecelerationRecord,
-) -> Float[Array, " impact"]:
-    """Log density of the recorded traces, errors and discrepancy integrated out.
-
-    Its slopes go forwards through the solver, one tangent a parameter and all impacts in each, so that
-    reverse mode too costs no more than that.
-
-    Args:
-        element: what is hit.
-        parameters: as of `response`.
-        noise_parameters: of the noise.
-        record: the traces.
+    Attributes:
+        products: of residual and error columns, over all channels.
+        errors: known beforehand, that of contact within each cell.
+        log_density: of the trace, the errors integrated out.
     """
-    return _log_density(response(element, parameters, record), noise_parameters, record)
 
-
-@element_log_likelihood.defjvp
-def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, Array]:
-    parameters, noise_parameters, record = primals
-    number = parameters.shape[0]
-    basis = jnp.broadcast_to(jnp.eye(number)[..., None], (number, *parameters.shape))
-
-    def along(tangent: Array) -> tuple[Response, Response]:
-        return jax.jvp(lambda p: response(element, p, record), (parameters,), (tangent,))
-
-    predicted, changes = jax.vmap(along, out_axes=(None, 0))(basis)
-    value, pull_back = jax.vjp(lambda f, n: _log_density(f, n, record), predicted, noise_parameters)
-    by_response, by_noise = pull_back(jnp.ones_like(value))
-    pairs = zip(jax.tree.leaves(changes), jax.tree.leaves(by_response), strict=True)
-    slopes = sum((change * by).sum(tuple(range(2, change.ndim))) for change, by in pairs)
-    along_noise = sum(by * to for by, to in zip(by_noise, tangents[1], strict=True) if by is not None)
-    return value, (slopes * tangents[0]).sum(0) + along_noise
+    products: Products
+    errors: Errors
+    log_density: Float[Array, "cell impact"]
 
 
 @partial(
@@ -139,7 +71,7 @@ def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, 
     meta_fields=["element"],
 )
 @dataclass(frozen=True)
-class MeasuredImpact:
+class MeasuredImpact(MeasuredTraces):
     """The likelihood of deceleration traces, the errors of their measuring chain integrated out.
 
     Attributes:
@@ -159,20 +91,57 @@ class MeasuredImpact:
         """The noise's standard deviation [m/s^2]."""
         return jnp.exp(self.noise_parameters.log_sigma)
 
-    @property
-    def force_sigma(self) -> Float[Array, " impact"]:
-        """The standard deviation of the noise of a force over mass [m/s^2]."""
-        assert self.noise_parameters.log_force_sigma is not None  # noqa: S101 - for the type checker
-        return jnp.exp(self.noise_parameters.log_force_sigma)
-
     def response(self) -> Response:
         """See `response`."""
         return response(self.element, self.parameters, self.record)
 
-    def products(self, predicted: Response | None = None) -> Products:
-        """Products of the residual and the errors' columns; ``predicted`` is `response`, if it is at hand."""
+    @property
+    def errors(self) -> Errors:
+        """The weights of the discrepancy's modes, and the measuring chain's errors; contact is known."""
+        errors = self._errors_by_cell()
+        return errors._replace(sd=errors.sd[0])
+
+    def _errors_by_cell(self) -> Errors:
+        share, rms = self.record.discrepancy.share, self.noise_parameters.log_discrepancy
+        modes = jnp.zeros_like(share) if rms is None else jnp.exp(rms)[:, None] * jnp.sqrt(share)
+        chain = contact.error_sd(self.record)
+        sd = jnp.concatenate([jnp.broadcast_to(modes, (len(chain), *modes.shape)), chain], axis=-1)
+        return Errors(sd, self.record.contact.uniform)
+
+    def channels(self, predicted: Response | None = None) -> list[Channel[Noise]]:
+        """The deceleration and, where one was recorded, the force beside it, for contact in each cell.
+
+        ``predicted`` is `response`, if it is at hand.
+        """
         predicted = self.response() if predicted is None else predicted
-        return _products(predicted, self.noise_parameters, self.record)
+        deceleration = contact.channel_of(predicted, self.record, self.noise_parameters.log_sigma)
+        return [deceleration, *self._of_force(predicted)]
+
+    def _of_force(self, predicted: Response) -> list[Channel[Noise]]:
+        force, parameters = self.record.force, self.noise_parameters
+        ratio, log_sigma = parameters.log_force_ratio, parameters.log_force_sigma
+        if force is None or predicted.force is None or ratio is None or log_sigma is None:
+            return []
+        return [force_channel(predicted.force, force, ratio, log_sigma)]
+
+    def products(self, predicted: Response | None = None) -> Products:
+        """Of residuals and error columns, over all channels; ``predicted`` as of `channels`."""
+        predicted = self.response() if predicted is None else predicted
+        products = contact.products_in_cells(predicted, self.record, self.noise_parameters.log_sigma)
+        for channel in self._of_force(predicted):
+            products = products.beside(noise.products(channel))
+        return products
+
+    def cells(self, predicted: Response) -> Cells:
+        """The traces for contact in each cell; of a known contact one."""
+        record, products, errors = self.record, self.products(predicted), self._errors_by_cell()
+        density = marginal_log_likelihood(products, errors)
+        if record.clipped is not None:
+            deceleration = self.channels(predicted)[0]
+            density = density + clipped.log_probability(deceleration, record, products, errors)
+        if record.contact.reach:
+            density = density + jnp.log(contact.cell_width(record))
+        return Cells(products, errors, density)
 
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each recorded trace, its errors and its discrepancy integrated out."""
@@ -181,7 +150,14 @@ class MeasuredImpact:
             omega_n, zeta = spring_damper_inverse(*self.parameters, record.mass)
             density = spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
             return density + record.log_seen_in_interval()
-        density = element_log_likelihood(self.element, self.parameters, self.noise_parameters, record)
+        predicted = self.response()
+        density = jax.nn.logsumexp(self.cells(predicted).log_density, axis=0)
+        if record.contact.reach:
+            density = density - record.contact.quiet_log_density
+        # Parameters far from anything seen may send a response beyond all bounds, where the products' digits
+        # are lost and a density would be anything.
+        greatest = _GREATEST * jnp.abs(record.d).max(-1)
+        density = jnp.where(jnp.abs(predicted.d).max(-1) <= greatest, density, -jnp.inf)
         return density + self._of_shared_errors() + record.log_seen_in_interval()
 
     def _of_shared_errors(self) -> Array | float:
@@ -200,33 +176,31 @@ class MeasuredImpact:
         return (1 - 1 / record.shared_by) * jnp.log(share)
 
     def draw_errors(self, key: Array, predicted: Response | None = None) -> Float[Array, "impact error"]:
-        """The chain's errors given the recorded traces, contact time's counted from ``first_time`` (later).
+        """The errors given the recorded traces, contact time's counted from ``first_time`` (later).
 
-        ``predicted`` is `response`, if it is at hand.
+        ``predicted`` as of `channels`.
         """
-        predicted = self.response() if predicted is None else predicted
-        products, record, parameters = self.products(predicted), self.record, self.noise_parameters
-        density = _densities(predicted, products, parameters, record)
-        cell = jax.random.categorical(jax.random.fold_in(key, 2), density, axis=0)
+        record, cells = self.record, self.cells(self.response() if predicted is None else predicted)
+        shape = cells.log_density.shape
+        cell = jax.random.categorical(jax.random.fold_in(key, 2), cells.log_density, axis=0)
 
         def chosen(values: Array) -> Array:
-            values = jnp.broadcast_to(values, (*values.shape[:-2], *density.shape))
-            return jnp.take_along_axis(
-                values, jnp.broadcast_to(cell, (*values.shape[:-2], 1, len(cell))), -2
-            )[..., 0, :]
+            """Of the last axes but one."""
+            values = jnp.broadcast_to(values, (*values.shape[:-2], *shape))
+            index = jnp.broadcast_to(cell, (*values.shape[:-2], 1, len(cell)))
+            return jnp.take_along_axis(values, index, -2)[..., 0, :]
 
-        products = products._replace(gram=chosen(products.gram))
-        error_sd = chosen(jnp.moveaxis(contact.error_sd(record), -1, 0)).T
-        errors = draw_errors(key, products, parameters.log_sigma, error_sd, record.contact.uniform)
+        products = cells.products._replace(gram=chosen(small.stacked(cells.products.gram)))
+        known = cells.errors._replace(sd=chosen(jnp.moveaxis(cells.errors.sd, -1, 0)).T)
+        errors = draw_errors(key, products, known)
         return errors.at[:, CONTACT].add(record.first_time - chosen(record.cells))
 
     def mean_first_time(self) -> Float[Array, " impact"]:
         """From contact to the first sample as the traces have it, by the mean over the cells [s]."""
         if not self.record.contact.reach:
             return self.record.first_time
-        predicted = self.response()
-        density = _densities(predicted, self.products(predicted), self.noise_parameters, self.record)
-        return (jax.nn.softmax(density, axis=0) * self.record.cells).sum(0)
+        share = jax.nn.softmax(self.cells(self.response()).log_density, axis=0)
+        return (share * self.record.cells).sum(0)
 
     def as_drawn(self, contact_error: Float[Array, " impact"]) -> MeasuredImpact:
         """The same with contact where such an error puts it, and known."""
@@ -241,93 +215,28 @@ class MeasuredImpact:
             return self
         return self.as_drawn(self.draw_errors(jax.random.fold_in(key, 3))[:, CONTACT])
 
-    def draw_discrepancy(
-        self, key: Array, errors: Float[Array, "impact error"], predicted: Response | None = None
-    ) -> Float[Array, "impact sample"]:
-        """The discrepancy given traces and the chain's errors [m/s^2]; contact is known."""
-        record, ratio = self.record, self.noise_parameters.ratio()
-        left, basis, stride = (
-            self.residuals(errors, predicted),
-            record.discrepancy.basis,
-            record.colour.stride,
-        )
-        sd = ratio[:, None] * jnp.sqrt(record.discrepancy.share)
-        if record.clipped is not None:
-            left = jnp.where(record.observed(), left, 0.0)
-            basis = jnp.where(record.observed()[:, None], basis, 0.0)
-        # Its own noise is that without a discrepancy.
-        alone = noise.noise_of(record, jnp.zeros_like(ratio))
-        shocks = self.sigma[:, None] * jax.random.normal(key, sd.shape[::-1]).T
-        weights = jax.vmap(noise.weights_given)(left[:, ::stride], basis[..., ::stride], alone, sd, shocks)
-        return jnp.einsum("im,imr->ir", weights, record.discrepancy.basis)
-
-    def prior_errors(
-        self, key: Array, sample_shape: tuple[int, ...] = ()
-    ) -> Float[Array, "*batch impact error"]:
-        """The chain's errors before any trace is seen; contact is known."""
-        record, error_sd = self.record, contact.error_sd(self.record)[0]
-        return prior_errors(key, (*sample_shape, len(record.d)), error_sd, record.contact.uniform)
-
-    def prior_discrepancy(
-        self, key: Array, sample_shape: tuple[int, ...] = ()
+    def discrepancy(
+        self, errors: Float[Array, "*batch impact error"]
     ) -> Float[Array, "*batch impact sample"]:
-        """The discrepancy before any trace is seen [m/s^2]."""
-        modes = self.record.discrepancy
-        scale = (self.sigma * self.noise_parameters.ratio())[:, None] * jnp.sqrt(modes.share)
-        weights = scale * jax.random.normal(key, (*sample_shape, *scale.shape))
-        return jnp.einsum("...im,imr->...ir", weights, modes.basis)
+        """The discrepancy that is among such errors [m/s^2]."""
+        basis = self.record.discrepancy.basis
+        return jnp.einsum("...im,imr->...ir", errors[..., : basis.shape[1]], basis)
 
-    def innovations(
-        self, left: Float[Array, "impact sample"]
-    ) -> tuple[Float[Array, "impact shock"], Int[Array, " impact"]]:
-        """What is white of residuals [m/s^2], and how many of these there are of each impact.
-
-        Of coloured noise at the samples that it is asked at.
-        """
-        record = self.record
-        inside = record.observed()[:, :: record.colour.stride]
-        if not record.colour.is_white:
-            left = noise.innovations(record.colour, record.rate, left[:, :: record.colour.stride])
-        return jnp.where(inside, left, 0.0), inside.sum(-1)
-
-    def residuals(
-        self, errors: Float[Array, "impact error"], predicted: Response | None = None
-    ) -> Float[Array, "impact sample"]:
+    def residuals(self, errors: Float[Array, "impact error"]) -> Float[Array, "impact sample"]:
         """What these errors and the impact leave of the recorded traces [m/s^2]; contact is known."""
-        predicted, record = self.response() if predicted is None else predicted, self.record
-        return jnp.where(record.inside(), record.d - predicted.d - _added(errors, predicted, record), 0.0)
-
-    def force_residuals(self, errors: Float[Array, "impact error"]) -> Float[Array, "impact row"]:
-        """What these errors and the impact leave of a force over mass [m/s^2], 0 past a row's end."""
-        ratio, force = self.noise_parameters.log_force_ratio, self.record.force
-        assert force is not None  # noqa: S101 - for the type checker
-        assert ratio is not None  # noqa: S101 - for the type checker
-        expected, columns = force_rows(self.response(), self.record, ratio)
-        left = force.y - expected - jnp.einsum("ie,ier->ir", errors, columns)
-        return jnp.where(force.inside(), left, 0.0)
-
-    def force_innovations(
-        self, left: Float[Array, "impact row"]
-    ) -> tuple[Float[Array, "impact shock"], Bool[Array, "impact shock"]]:
-        """What is white of such residuals [m/s^2], and where there is any."""
-        force = self.record.force
-        assert force is not None  # noqa: S101 - for the type checker
-        if (own := noise_of_force(force)) is None:
-            return left, force.inside()
-        thinned = jnp.where(own.inside, left[:, :: noise_stride(force)], 0.0)
-        return jax.vmap(noise.Noise.whitened)(own, thinned), own.inside
+        return jnp.where(self.record.inside(), self.channels()[0].left(errors), 0.0)
 
     def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
         """A force [N] of the impact and errors that `sample` has by this key; contact is known."""
         force = self.record.force
         assert force is not None  # noqa: S101 - for the type checker
         errors = self.prior_errors(_keys_of_sample(key)[1])
-        key, sigma = jax.random.fold_in(key, 5), self.force_sigma[:, None]
+        key, channel = jax.random.fold_in(key, 5), self.channels()[1]
         if force.colour is None or force.rate is None:
             shocks = jax.random.normal(key, force.y.shape)
         else:
             shocks = noise.drawn(force.colour, force.rate, key, force.y.shape)
-        drawn = force.y - self.force_residuals(errors) + sigma * shocks
+        drawn = force.y - channel.left(errors) + jnp.exp(channel.log_sigma)[:, None] * shocks
         return jnp.where(force.inside(), self.record.mass[:, None] * drawn, jnp.nan)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
@@ -339,15 +248,11 @@ class MeasuredImpact:
         if self.record.contact.reach:
             return self.with_contact_found(key).sample(key, sample_shape)
         key_of_noise, key_of_errors = _keys_of_sample(key)
-        record, predicted = self.record, self.response()
-        shape = (*sample_shape, len(record.d))
-        errors = self.prior_errors(key_of_errors, sample_shape)
-        shocks = jax.random.normal(key_of_noise, (*shape, record.d.shape[1]))
+        record, left = self.record, self.channels()[0].left(self.prior_errors(key_of_errors, sample_shape))
+        shocks = jax.random.normal(key_of_noise, left.shape)
         if not record.colour.is_white:
-            shocks = noise.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), shocks.shape)
-        delta = self.prior_discrepancy(jax.random.fold_in(key, 2), sample_shape)
-        added = _added(errors, predicted, record) + self.sigma[:, None] * shocks
-        return jnp.where(record.inside(), predicted.d + delta + added, 0.0)
+            shocks = noise.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), left.shape)
+        return jnp.where(record.inside(), record.d - left + self.sigma[:, None] * shocks, 0.0)
 
     def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
         """What the noise of each trace is, by the names that posteriors have."""
@@ -370,10 +275,3 @@ def _keys_of_sample(key: Array) -> tuple[Array, Array]:
     """Of the noise, and of the chain's errors."""
     first, second = jax.random.split(key)
     return first, second
-
-
-def _added(
-    errors: Float[Array, "*batch impact error"], predicted: Response, record: DecelerationRecord
-) -> Float[Array, "*batch impact sample"]:
-    """What the chain's errors add to the traces."""
-    return jnp.asarray(sum(errors[..., i, None] * q for i, q in enumerate(columns(predicted, record))))

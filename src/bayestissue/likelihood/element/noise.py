@@ -1,46 +1,39 @@
-"""A recorder's noise, and what a trace holds beside the impact and the chain's errors.
+"""A recorder's noise, and the modes of what a trace holds beside the impact and the chain's errors.
 
-The covariance of a trace, given impact and errors, is sigma^2 T with T = S + A A': white noise or one that
-went through a filter, and a few modes A besides. By Woodbury's identity, with p~ = S^-1/2 p and
-M = 1 + A~' A~,
+Noise that went through the recorder's low-pass, beside a share f of white noise that entered behind it, has
+the covariance sigma^2 T with T = f 1 + (1 - f) R, R being the correlations that the filter leaves
+(`bayestissue.signal.filters`). Of a sample the p before it say all, to rounding, that all before it do, p
+being some periods of the corner. So T^-1/2 = L^-1, T = L L', is a dense matrix for the first p samples of a
+trace, and from there on the same few weights at every sample (an autoregression of order p; Box and Jenkins,
+Time Series Analysis, section 7.4): the work goes with the number of samples. Where next to no noise entered
+behind the filter, T has eigenvalues near 0, of what changes faster than the filter lets pass. A likelihood
+would believe those frequencies above all others, and whatever the filter's description leaves out there, and
+it would take the noise's size from them. So only every k-th sample is asked, as far apart as keeps the least
+eigenvalue of T at `LEAST_EIGENVALUE`: some four in a period of the corner.
 
-    p' T^-1 q = p~'q~ - (A~'p~)' M^-1 (A~'q~),    log det T = log det S + log det M.
-
-Two things make modes and S:
-
-Noise that went through the recorder's low-pass, beside a share f of white noise that entered behind it: S = f
-1 + (1 - f) R, R being the correlations that the filter leaves (`bayestissue.signal.filters`). Of a
-sample the p before it say all, to rounding, that all before it do, p being some periods of the corner. So
-S^-1/2 = L^-1, S = L L', is a dense matrix for the first p samples of a trace, and from there on the same few
-weights at every sample (an autoregression of order p; Box and Jenkins, Time Series Analysis, section 7.4):
-the work goes with the number of samples. Where next to no noise entered behind the filter, S has eigenvalues
-near 0, of what changes faster than the filter lets pass. A likelihood would believe those frequencies above
-all others, and whatever the filter's description leaves out there, and it would take the noise's size from
-them. So only every k-th sample is asked, as far apart as keeps the least eigenvalue of S at
-`LEAST_EIGENVALUE`: some four in a period of the corner.
-
-A discrepancy, a smooth force of unknown shape: delta(t), a Gaussian process on the force per mass (Kennedy
+A discrepancy is a smooth force of unknown shape: delta(t), a Gaussian process on the force per mass (Kennedy
 and O'Hagan 2001), with the covariance s^2 exp(-(t - t')^2 / (2 l^2)) over the window's own time t in [0, 1]
-and l = 0.3, by its first six eigenvectors on the samples: delta = U c with c_j ~ N(0, s^2 lambda_j). It adds
-(s / sigma)^2 U diag(lambda) U' to T.
+and l = 0.3, by its first six eigenvectors on the samples: delta = U c with c_j ~ N(0, s^2 lambda_j), six more
+errors of the trace.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.scipy.linalg import solve_triangular
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_toeplitz, toeplitz
 
-from bayestissue.likelihood.element.record import DecelerationRecord, Discrepancy
+from bayestissue.likelihood.channels import Channel
+from bayestissue.likelihood.element.record import Discrepancy
 from bayestissue.likelihood.element.recorder import Colour
+from bayestissue.likelihood.linear_errors import Products
 from bayestissue.padding import bucket
 
 LEAST_EIGENVALUE = 0.02
@@ -66,34 +59,31 @@ class Noise(NamedTuple):
 
     Attributes:
         inside: where there is a sample; what comes after, and before, is 0 everywhere.
-        modes: A', 0 where there is no sample; none without a discrepancy.
-        first, predictor: as `Colour` has them, at the trace's own sampling rate; empty where no filter
-            coloured the noise.
+        first, predictor: as `Colour` has them, at the trace's own sampling rate; empty of white noise.
     """
 
     inside: Bool[Array, " row"]
-    modes: Float[Array, "mode row"]
     first: Float[Array, "first first"]
     predictor: Float[Array, " lag"]
+
+    @classmethod
+    def of(cls, inside: Bool[Array, "impact row"], colour: Colour, rate: Int[Array, " impact"]) -> Noise:
+        """Of every impact, on every k-th sample: see `Colour.stride`."""
+        return cls(inside[:, :: colour.stride], colour.first[rate], colour.predictor[rate])
 
     @property
     def is_white(self) -> bool:
         """Whether no sample shares anything with another."""
-        return not (self.modes.shape[-2] or self.is_filtered)
-
-    @property
-    def is_filtered(self) -> bool:
-        """Whether the noise went through a filter."""
-        return bool(self.predictor.shape[-1])
+        return not self.predictor.shape[-1]
 
     def whitened(self, parts: Float[Array, "*part row"]) -> Float[Array, "*part row"]:
-        """S^-1/2 p."""
-        return self.completed(parts, filtered(parts, self.predictor)) if self.is_filtered else parts
+        """T^-1/2 p."""
+        return parts if self.is_white else self.completed(parts, filtered(parts, self.predictor))
 
     def completed(
         self, parts: Float[Array, "*part row"], later: Float[Array, "*part row"]
     ) -> Float[Array, "*part row"]:
-        """S^-1/2 p from p and what `filtered` makes of it, which is right after the first p samples."""
+        """T^-1/2 p from p and what `filtered` makes of it, which is right after the first p samples."""
         size, rows = self.first.shape[-1], parts.shape[-1]
         begin = jnp.argmax(self.inside)
         padding = [(0, 0)] * (parts.ndim - 1) + [(0, size)]
@@ -102,51 +92,25 @@ class Noise(NamedTuple):
         whole = jax.lax.dynamic_update_slice_in_dim(whole, start, begin, axis=-1)
         return jnp.where(self.inside, whole[..., :rows], 0.0)
 
-    def gram(self, parts: Float[Array, "part row"]) -> Float[Array, "part part"]:
-        """The products p' T^-1 q of all parts with each other."""
-        return self.gram_of_white(self.whitened(parts))
-
-    def gram_of_white(self, white: Float[Array, "part row"]) -> Float[Array, "part part"]:
-        """The same of parts that are `whitened`."""
-        products = white @ white.T
-        if self.modes.shape[0]:
-            modes = self.whitened(self.modes)
-            shared = solve_triangular(self._factor(), modes @ white.T, lower=True)
-            products = products - shared.T @ shared
-        return products
-
     def log_determinant(self) -> Float[Array, ""]:
         """Of T."""
-        total = jnp.zeros(())
-        if self.is_filtered:
-            size, count = len(self.first), self.inside.sum()
-            of_first = jnp.where(jnp.arange(size) < count, jnp.log(jnp.diagonal(self.first)), 0.0).sum()
-            total = -2 * (of_first + jnp.maximum(count - size, 0) * jnp.log(self.predictor[0]))
-        if self.modes.shape[0]:
-            total = total + 2 * jnp.log(jnp.diagonal(self._factor())).sum()
-        return total
-
-    def _factor(self) -> Float[Array, "mode mode"]:
-        """L of L L' = M."""
-        modes = self.whitened(self.modes)
-        return jnp.linalg.cholesky(jnp.eye(len(modes)) + modes @ modes.T)
+        if self.is_white:
+            return jnp.zeros(())
+        size, count = len(self.first), self.inside.sum()
+        of_first = jnp.where(jnp.arange(size) < count, jnp.log(jnp.diagonal(self.first)), 0.0).sum()
+        return -2 * (of_first + jnp.maximum(count - size, 0) * jnp.log(self.predictor[0]))
 
 
-def noise_of(record: DecelerationRecord, discrepancy_ratio: Float[Array, " impact"]) -> Noise:
-    """The noise of every trace, on the samples that it is asked at, those before the first among them.
+def products(channel: Channel[Noise]) -> Products:
+    """Of a channel's residual and columns."""
+    white = channel.over_noise(channel.parts())
+    return products_under(channel.noise, jnp.einsum("icar,icbr->abci", white, white), channel.log_sigma)
 
-    Args:
-        record: what was recorded.
-        discrepancy_ratio: s / sigma; nothing without a discrepancy.
-    """
-    colour, contact, stride = record.colour, record.contact, record.colour.stride
-    inside = jnp.concatenate([contact.counts, record.observed()], axis=1)[:, ::stride]
-    basis = jnp.pad(record.discrepancy.basis, ((0, 0), (0, 0), (contact.reach, 0)))[..., ::stride]
-    if record.clipped is not None:
-        basis = jnp.where(inside[:, None], basis, 0.0)
-    scale = discrepancy_ratio[:, None] * jnp.sqrt(record.discrepancy.share)
-    first, predictor = colour.first[record.rate], colour.predictor[record.rate]
-    return Noise(inside, scale[..., None] * basis, first, predictor)
+
+def products_under(noise: Noise, gram: Any, log_sigma: Float[Array, " impact"]) -> Products:
+    """Of what the products are under T^-1, rows of entries [cell, impact]."""
+    log_determinant = jax.vmap(Noise.log_determinant)(noise)
+    return Products.of_unit_noise(gram, log_determinant, noise.inside.sum(-1), log_sigma)
 
 
 def filtered(
@@ -227,26 +191,6 @@ def drawn(
     return jnp.fft.irfft(root * white, length)[..., : shape[-1]]
 
 
-def innovations(
-    colour: Colour, rate: Int[Array, " impact"], left: Float[Array, "impact row"]
-) -> Float[Array, "impact row"]:
-    """What each sample has beside what those before it say of it, as white as the noise's model is right.
-
-    L^-1 e with T = L L'.
-
-    Args:
-        colour: the noise.
-        rate: which of its sampling rates each impact has.
-        left: residuals at every k-th sample: see `Colour.stride`.
-    """
-
-    def of_one(left: Array, first: Array, predictor: Array) -> Array:
-        none = jnp.zeros((0, len(left)))
-        return Noise(jnp.ones(len(left), bool), none, first, predictor).whitened(left)
-
-    return jax.vmap(of_one)(left, colour.first[rate], colour.predictor[rate])
-
-
 def discrepancy_modes(
     n_samples: Int[np.ndarray, " impact"], since_first: Float[np.ndarray, "impact sample"]
 ) -> Discrepancy:
@@ -279,28 +223,3 @@ def discrepancy_modes(
     basis = np.where((index < count)[:, None], (frame @ vectors).swapaxes(1, 2), 0.0)
     share = values * count / values.sum(1, keepdims=True)
     return Discrepancy(jnp.asarray(basis), jnp.asarray(share))
-
-
-def weights_given(
-    left: Float[Array, " row"],
-    basis: Float[Array, "mode row"],
-    noise: Noise,
-    sd: Float[Array, " mode"],
-    shock: Float[Array, " mode"],
-) -> Float[Array, " mode"]:
-    """A draw of the weights c of a discrepancy's modes, given what is left of one trace.
-
-    Normal with mean S M^-1 S U' N^-1 left and covariance sigma^2 S M^-1 S, M = 1 + S U' N^-1 U S, for noise
-    of covariance sigma^2 N.
-
-    Args:
-        left: of the trace, impact and errors of the chain taken off [m/s^2].
-        basis: U'.
-        noise: N, without the discrepancy.
-        sd: S, standard deviations of the weights over sigma.
-        shock: sigma times standard normals.
-    """
-    products = noise.gram(jnp.concatenate([left[None], basis]))
-    factor = jnp.linalg.cholesky(jnp.eye(len(sd)) + sd[:, None] * sd * products[1:, 1:])
-    mean = solve_triangular(factor, sd * products[0, 1:], lower=True)
-    return sd * solve_triangular(factor.T, mean + shock, lower=False)

@@ -19,12 +19,10 @@ from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.likelihood.linear_errors import LOG_2PI, part_of
 from bayestissue.padding import padded_zeros
 
-# Among the errors of the measuring chain; the gain, if it is another than the velocity's, is between them.
-VELOCITY, OFFSET, CONTACT = 0, -2, -1
+# Among the errors of the measuring chain; the gain, if it is another than the velocity's, is there.
+VELOCITY, GAIN, OFFSET, CONTACT = 0, 1, -2, -1
 # By so much of an interval contact may seem to be beyond it.
 _CLEAR = 0.1
-# Those of a force's zero and of its clock, where there is one.
-OF_FORCE = (2, 3)
 _MERGED = {
     "velocity_error": "velocity and gain",
     "offset_error": "offset",

@@ -22,7 +22,12 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.likelihood.element.record import DecelerationRecord
-from bayestissue.likelihood.linear_errors import Products, from_lower_entries, marginal_log_likelihood
+from bayestissue.likelihood.linear_errors import (
+    Errors,
+    Products,
+    from_lower_entries,
+    marginal_log_likelihood,
+)
 from bayestissue.likelihood.quadratic import sums_over_frequencies
 from bayestissue.likelihood.transforms import BLOCKS, FILLED
 from bayestissue.oscillator.entire import damped_pair
@@ -114,8 +119,8 @@ def log_likelihood(
     parts = _parts(_motion(omega_n, zeta, record), omega_n, zeta, record)
     entries = sums_over_frequencies(tuple(parts[a] * parts[b] for a in range(4) for b in range(a + 1)))
     count = record.n_samples + 0.0
-    products = Products(from_lower_entries(entries), jnp.zeros_like(count), count)
-    return marginal_log_likelihood(products, log_sigma, record.error_sd, record.contact.uniform)
+    products = Products.of_unit_noise(from_lower_entries(entries), jnp.zeros_like(count), count, log_sigma)
+    return marginal_log_likelihood(products, Errors(record.error_sd, record.contact.uniform))
 
 
 def _motion(omega_n: Array, zeta: Array, record: DecelerationRecord) -> UnitResponse:
