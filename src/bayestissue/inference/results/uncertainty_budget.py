@@ -9,7 +9,7 @@ and its parts of `bayestissue.inference.results.errors`; of the population's mea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -35,8 +35,6 @@ from bayestissue.inference.quantities.masses import MASS_FACTOR
 from bayestissue.inference.results.errors import (
     ELEMENT,
     NOISE,
-    Matrices,
-    TraceErrors,
     trace_errors,
 )
 from bayestissue.results.tables import joined, table_of_rows
@@ -85,19 +83,26 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
         rows = np.unique(np.linspace(0, rows[-1], MOST_IMPACTS).astype(int))
     part = some_of(prepared, rows)
     u = np.median(draws.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
-    middle = _Hierarchy.of(part, _middle(part, draws, np.median))
-    errors = trace_errors(part, u, _RIDGE * np.linalg.inv(middle.omega))
+    middle = _variances(part, _middle(part, draws, np.median))
+    errors = trace_errors(part, u, _RIDGE * np.linalg.inv(sum(middle.scatter.values())))
+    own_mass = part.model.own_mass_sd**2 * np.pad(np.ones((2, 2)), (0, u.shape[1] - 2))
+    measured = {**errors.parts, MASS: np.broadcast_to(own_mass, errors.total.shape)}
     drawn = {q: np.var(np.log(draws.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
+    of_impacts = _of_impacts(middle._replace(measured=measured), float(not many))
+    known = [*measured, *middle.scatter, *[PERSON_AND_CONDITION] * (not many)]
+    of_traces = {name: np.diagonal(part, axis1=1, axis2=2) for name, part in measured.items()}
     tables = [
-        _shares(IMPACT, _with_masses(middle.of_impacts(errors, not many), draws), drawn),
-        _shares(TRACE, middle.of_traces(errors)),
+        _shares(IMPACT, _with_masses(_by_response(of_impacts, known), draws), drawn),
+        _shares(TRACE, _by_response(of_traces, measured)),
     ]
     typical = {q: float(np.var(typical_logs(prepared.design, draws.population, q))) for q in RESPONSES}
     means = {q: {PERSON_AND_CONDITION: variance} for q, variance in typical.items()}
     if not many:
         # Variances of means are linear in those of the hyperparameters, whose posteriors have long tails.
-        means = _Hierarchy.of(part, _middle(part, draws, _root_mean_square)).of_means(errors)
-        means = _with_masses(means, draws)
+        middle = _variances(part, _middle(part, draws, _root_mean_square))
+        of_means = _of_means(middle._replace(measured=measured), _means(part))
+        names = [*measured, *middle.scatter, *middle.effects]
+        means = _with_masses(_by_response(of_means, names), draws)
         tables.append(_shares(TYPICAL_PERSON, means, typical))
     added = {q: _new_levels(prepared, draws, q) for q in RESPONSES}
     of_new = {q: _summed(means[q], {PEOPLE: 0.0, CONDITIONS: 0.0}, added[q]) for q in RESPONSES}
@@ -152,168 +157,122 @@ def _scatter(
     return scatter
 
 
+class _Variances(NamedTuple):
+    """What makes the posterior variances, every table by source.
+
+    Attributes:
+        scatter: covariance of u about X b.
+        effects: prior variances of b's elements.
+        columns: X.
+        measured: covariance of what the traces tell of u.
+    """
+
+    scatter: dict[str, Float[Array, "parameter parameter"]]
+    effects: dict[str, Float[Array, " location"]]
+    columns: Float[Array, "impact parameter location"]
+    measured: dict[str, Float[Array, "impact parameter parameter"]]
+
+    def at(self, factor: dict[str, Array]) -> tuple[Array, Array, Array]:
+        """Measured, scatter and effects, all sources together, the variances of each times its factor."""
+        tables = (self.measured, self.scatter, self.effects)
+        measured, scatter, effects = (
+            sum((factor[name] * part for name, part in table.items()), jnp.zeros(())) for table in tables
+        )
+        return measured, scatter, effects
+
+    def as_they_are(self) -> dict[str, Array]:
+        """Factors of 1."""
+        return dict.fromkeys({**self.measured, **self.scatter, **self.effects}, jnp.ones(()))
+
+
+def _variances(prepared: Prepared, hyperparameters: Hyperparameters) -> _Variances:
+    """The hierarchy at these standard deviations, without traces."""
+    design, locations, sources = prepared.data.design, prepared.model.locations, _sources(prepared)
+    arrays = _dense(prepared.model, design._replace(cell=np.zeros(0, int)), hyperparameters)
+    covariances, columns = jax.device_get(arrays)
+    names = (MASS, PEOPLE, CONDITIONS, *sources.values(), PRIORS)
+    effects = {name: np.zeros(locations.size) for name in names}
+    for part in locations.blocks:
+        source = MASS if part.name == MASS_ERROR else sources[part.spread] if part.spread else PRIORS
+        rows = locations.parts[part.name]
+        effects[source][rows] = covariances.locations[rows] ** 2
+    columns = columns[..., np.asarray(design.cell)].transpose(2, 0, 1)
+    return _Variances(_scatter(prepared, covariances), effects, columns, {})
+
+
 @compiled_quickly
 def _dense(
     model: TraceModel, design: PopulationDesign, hyperparameters: Hyperparameters
 ) -> tuple[Covariances, Float[Array, "parameter location entry"]]:
-    """The hierarchy at these standard deviations: covariances, and columns of X."""
+    """The hierarchy's covariances, and columns of X."""
     return model.covariances(hyperparameters), expected_by_cell(design, jnp.eye(model.locations.size))
-
-
-class _Variances(NamedTuple):
-    """What makes the posterior variances, by source along the first axis.
-
-    Attributes:
-        measured: covariance of what the traces tell of u.
-        scatter: covariance of u about X b.
-        effects: prior variances of b's elements.
-        columns: X.
-    """
-
-    measured: Float[Array, "source impact parameter parameter"]
-    scatter: Float[Array, "source parameter parameter"]
-    effects: Float[Array, "source location"]
-    columns: Float[Array, "impact parameter location"]
-
-    def at(self, factor: Float[Array, " source"]) -> tuple[Array, Array, Array]:
-        """All sources' together, the variances of each multiplied by a factor."""
-        measured, scatter, effects = (
-            jnp.tensordot(factor, parts, axes=1) for parts in (self.measured, self.scatter, self.effects)
-        )
-        return measured, scatter, effects
-
-    def precision(self, measured: Array, scatter: Array) -> Float[Array, "location location"]:
-        """Of b, by the traces alone."""
-        weight = jnp.linalg.inv(scatter + measured)
-        return jnp.einsum("ial,iab,ibm->lm", self.columns, weight, self.columns)
 
 
 @compiled_quickly
 def _of_means(
     variances: _Variances, means: Float[Array, "response location"]
-) -> Float[Array, "response source"]:
-    """Parts of the variance of such means of b's elements."""
+) -> dict[str, Float[Array, " response"]]:
+    """Each source's part of the variance of such means of b's elements."""
 
-    def variance(factor: Array) -> Array:
+    def variance(factor: dict[str, Array]) -> Array:
         measured, scatter, effects = variances.at(factor)
-        covariance = jnp.linalg.inv(variances.precision(measured, scatter) + jnp.diag(1 / effects))
+        covariance = jnp.linalg.inv(_told(variances, measured + scatter) + jnp.diag(1 / effects))
         return jnp.einsum("rl,lm,rm->r", means, covariance, means)
 
-    return jax.jacfwd(variance)(jnp.ones(len(variances.effects)))
+    return jax.jacfwd(variance)(variances.as_they_are())
 
 
 @compiled_quickly
 def _of_impacts(
-    variances: _Variances, masses: Float[Array, " source"], whole: Float[Array, ""]
-) -> tuple[Float[Array, "impact parameter"], Float[Array, "impact parameter source"]]:
-    """The variance of each impact's parameters, and what traces, scatter and errors of masses make of it.
+    variances: _Variances, whole: Float[Array, ""]
+) -> dict[str, Float[Array, "impact parameter"]]:
+    """Each source's part of the variance of the impacts' parameters.
 
-    The rest is what is not known of persons and conditions.
-
-    Args:
-        variances: what makes it.
-        masses: 1 of the source that errors of masses are, else 0.
-        whole: 0 where b counts as known but for such errors, else 1.
+    Of what is not known of b that of errors of masses counts by itself, the rest is `PERSON_AND_CONDITION`.
+    Where the data are not ``whole`` but 0 that rest counts as known, and of errors of masses that impacts
+    share all that the dataset declares is left.
     """
-    one = jnp.ones(len(variances.effects))
+    one = variances.as_they_are()
     measured, scatter, _ = variances.at(one)
-    precision = whole * variances.precision(measured, scatter)
-    left_open = whole * measured @ jnp.linalg.inv(scatter + measured) @ variances.columns
+    told = whole * _told(variances, measured + scatter)
+    left_open = whole * measured @ jnp.linalg.inv(measured + scatter) @ variances.columns
     # K and C are those at the true mass: what is recorded, and its error.
-    pulled = left_open - jnp.where(masses @ variances.effects > 0, variances.columns, 0.0)
+    pulled = left_open - jnp.where(variances.effects[MASS] > 0, variances.columns, 0.0)
 
-    def variance(factor: Array) -> Array:
+    def variance(factor: dict[str, Array]) -> Array:
         measured, scatter, _ = variances.at(factor)
         given_means = jnp.linalg.inv(jnp.linalg.inv(scatter) + jnp.linalg.inv(measured))
-        effects = variances.at(jnp.where(masses > 0, factor, 1.0))[2]
-        covariance = jnp.linalg.inv(precision + jnp.diag(1 / effects))
+        _, _, effects = variances.at(one | {MASS: factor[MASS]})
+        covariance = jnp.linalg.inv(told + jnp.diag(1 / effects))
         return jnp.diagonal(given_means, axis1=1, axis2=2) + ((pulled @ covariance) * pulled).sum(-1)
 
-    return variance(one), jax.jacfwd(variance)(one)
+    parts = jax.jacfwd(variance)(one)
+    return parts | {PERSON_AND_CONDITION: variance(one) - sum(parts.values())}
 
 
-class _Hierarchy(NamedTuple):
-    """The normal hierarchy with its standard deviations given, every covariance by source."""
+def _told(variances: _Variances, covariance: Array) -> Float[Array, "location location"]:
+    """Precision of b by what the traces tell of u, of such a covariance about X b."""
+    weight, columns = jnp.linalg.inv(covariance), variances.columns
+    return jnp.einsum("ial,iab,ibm->lm", columns, weight, columns)
 
-    prepared: Prepared
-    scatter: dict[str, Float[np.ndarray, "parameter parameter"]]
-    effects: dict[str, Float[np.ndarray, " location"]]
-    columns: Float[np.ndarray, "impact parameter location"]
 
-    @classmethod
-    def of(cls, prepared: Prepared, hyperparameters: Hyperparameters) -> _Hierarchy:
-        """At these standard deviations."""
-        design, locations = prepared.data.design, prepared.model.locations
-        arrays = _dense(prepared.model, design._replace(cell=np.zeros(0, int)), hyperparameters)
-        covariances, columns = jax.device_get(arrays)
-        sources = _sources(prepared)
-        names = (MASS, PEOPLE, CONDITIONS, *sources.values(), PRIORS)
-        effects = {name: np.zeros(locations.size) for name in names}
-        for part in locations.blocks:
-            source = MASS if part.name == MASS_ERROR else sources[part.spread] if part.spread else PRIORS
-            rows = locations.parts[part.name]
-            effects[source][rows] = np.asarray(covariances.locations)[rows] ** 2
-        columns = columns[..., np.asarray(design.cell)].transpose(2, 0, 1)
-        return cls(prepared, _scatter(prepared, covariances), effects, columns)
+def _means(prepared: Prepared) -> Float[np.ndarray, "response location"]:
+    """The population's mean logs at the reference mass, as sums of b's elements."""
+    parts = prepared.model.locations.parts
+    means = np.zeros((len(RESPONSES), prepared.model.locations.size))
+    for row, response in zip(means, RESPONSES, strict=True):
+        row[parts[f"intercept_{response}"].start] = 1.0
+        covariates = typical_covariates(prepared.design, response)
+        if len(covariates):
+            row[parts[f"covariate_effect_{response}"]] = covariates
+    return means
 
-    @property
-    def omega(self) -> Float[np.ndarray, "parameter parameter"]:
-        """Covariance of u about X b."""
-        return np.sum(list(self.scatter.values()), axis=0)
 
-    def _measured(self, errors: TraceErrors) -> dict[str, Matrices]:
-        """What the traces' errors add, and the mass's that every impact has by itself."""
-        both = (np.arange(len(self.omega)) < 2).astype(float)
-        of_mass = self.prepared.model.own_mass_sd**2 * np.multiply.outer(both, both)
-        return {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
-
-    def _variances(self, errors: TraceErrors) -> tuple[list[str], _Variances]:
-        """Names of all sources, and their variances."""
-        tables = (self._measured(errors), self.scatter, self.effects)
-        names = list(dict.fromkeys(name for table in tables for name in table))
-        parts = (
-            np.stack([table.get(name, np.zeros_like(table[next(iter(table))])) for name in names])
-            for table in tables
-        )
-        return names, _Variances(*parts, self.columns)
-
-    def of_traces(self, errors: TraceErrors) -> dict[str, dict[str, np.ndarray]]:
-        """By response and source: the variance of each impact's log given its trace alone, [impact]."""
-        measured = self._measured(errors)
-        return {q: {name: v[:, at, at] for name, v in measured.items()} for at, q in enumerate(RESPONSES)}
-
-    def of_means(self, errors: TraceErrors) -> dict[str, dict[str, float]]:
-        """By response and source: the variance of the population's mean log at the reference mass."""
-        locations = self.prepared.model.locations
-        means = np.zeros((len(RESPONSES), locations.size))
-        for row, q in zip(means, RESPONSES, strict=True):
-            row[locations.parts[f"intercept_{q}"].start] = 1.0
-            if len(covariates := typical_covariates(self.prepared.design, q)):
-                row[locations.parts[f"covariate_effect_{q}"]] = covariates
-        names, variances = self._variances(errors)
-        parts = np.asarray(_of_means(variances, means))
-        return {
-            q: dict(zip(names, of_response.tolist(), strict=True))
-            for q, of_response in zip(RESPONSES, parts, strict=True)
-        }
-
-    def of_impacts(self, errors: TraceErrors, whole: bool) -> dict[str, dict[str, np.ndarray]]:
-        """By response and source: the variance of each impact's log, [impact].
-
-        Where the data are not ``whole``, the means of person and condition count as known, and of errors of
-        masses that impacts share all that the dataset declares is left.
-        """
-        names, variances = self._variances(errors)
-        masses = np.array([name == MASS for name in names], float)
-        total, parts = (np.asarray(part) for part in _of_impacts(variances, masses, float(whole)))
-        own = dict.fromkeys([*self._measured(errors), *self.scatter])
-        table: dict[str, dict[str, np.ndarray]] = {}
-        for number, q in enumerate(RESPONSES):
-            by_source = dict(zip(names, parts[:, number].T, strict=True))
-            table[q] = {name: by_source[name] for name in own}
-            if whole:
-                table[q][PERSON_AND_CONDITION] = total[:, number] - parts[:, number].sum(1)
-        return table
+def _by_response(
+    parts: Mapping[str, Array | np.ndarray], names: Iterable[str]
+) -> dict[str, dict[str, np.ndarray]]:
+    """The first parameters' parts by these sources."""
+    return {q: {name: np.asarray(parts[name])[..., at] for name in names} for at, q in enumerate(RESPONSES)}
 
 
 def _sources(prepared: Prepared) -> dict[str, str]:
