@@ -24,7 +24,7 @@ from element_values import (
 from scipy.linalg import expm
 
 from bayestissue.elements import element, element_names, impact, linear, outcomes, solver
-from bayestissue.elements.element import complete
+from bayestissue.elements.element import Collision, complete
 from bayestissue.oscillator import impact_motion, spring_damper_inverse
 
 pytestmark = pytest.mark.slow
@@ -117,9 +117,9 @@ def test_a_drops_energy_is_stored_lost_or_still_there(name: str) -> None:
 
 
 @partial(jax.jit, static_argnames=("name", "count"))
-def even_grid(name: str, *given: Any, count: int) -> Any:
-    which = element(name)
-    return (linear if which.linear else solver).even_grid(which, *given, count)
+def even_grid(name: str, p: Any, mass: Any, velocity: Any, *times: Any, count: int) -> Any:
+    collision = Collision(element(name), p, mass, velocity)
+    return (linear if collision.element.linear else solver).even_grid(collision, *times, count)
 
 
 # By default one in closed form that flies level, and one solved on a grid that drops; all in the long suite.
@@ -179,7 +179,10 @@ def test_kelvin_voigt_is_the_closed_form() -> None:
 def test_standard_linear_goes_from_maxwell_to_kelvin_voigt() -> None:
     """Its arm rigid it is a spring and damper side by side; its lone spring gone, a Maxwell element."""
 
-    at_times = jax.jit(lambda name, *given: linear.at_times(element(name), *given), static_argnums=0)
+    at_times = jax.jit(
+        lambda name, *given: linear.at_times(Collision(element(name), *given[:-1]), given[-1]),
+        static_argnums=0,
+    )
 
     def x(name: str, **values: float) -> np.ndarray:
         which = element(name)

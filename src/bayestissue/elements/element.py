@@ -195,6 +195,44 @@ def complete(
     return {**{k: jnp.asarray(v, float) for k, v in parameters.items()}, **surroundings}
 
 
+class Collision(NamedTuple):
+    """Impactors that meet an element.
+
+    Attributes:
+        element: what they meet.
+        parameters: of the element and its surroundings, by name.
+        mass: of each impactor [kg].
+        velocity: at contact [m/s].
+    """
+
+    element: Element
+    parameters: Parameters
+    mass: Float[Array, " impact"]
+    velocity: Float[Array, " impact"]
+
+    def columns(self) -> Collision:
+        """The same beside times along a last axis."""
+        parameters = {name: value[:, None] for name, value in self.parameters.items()}
+        return Collision(self.element, parameters, self.mass[:, None], self.velocity[:, None])
+
+    def at_contact(self) -> Array:
+        """Y just after contact at V: everything at rest but what moves, at V M / (M + m).
+
+        The impactor takes the added mass along at once, as in a collision without restitution.
+        """
+        still = jnp.zeros_like(self.velocity)
+        begins = impactor_share(self.element, self.parameters, self.mass) * self.velocity
+        return jnp.stack([still, begins, *(still for _ in range(self.element.states))])
+
+    def rates(self, y: Array) -> Array:
+        """See `rates_of_motion`."""
+        return rates_of_motion(self.element, self.parameters, self.mass, y)
+
+    def deceleration(self, y: Array) -> Array:
+        """See `deceleration_of`."""
+        return deceleration_of(self.element, self.parameters, self.mass, y)
+
+
 def falling(p: Parameters) -> Array | float:
     """The impactor's acceleration while nothing pushes: g along the motion [m/s^2]."""
     return p.get(GRAVITY, 0.0)
@@ -219,16 +257,6 @@ def rates_of_motion(element: Element, p: Parameters, mass: Array, y: Array) -> A
     share = impactor_share(element, p, mass)
     acceleration = share * (falling(p) - element.force(x, v, s, p) / mass)
     return jnp.stack([v, acceleration, *element.rates(x, v, s, p)])
-
-
-def at_contact(element: Element, p: Parameters, mass: Array, velocity: Array) -> Array:
-    """Y just after contact at V: everything at rest but what moves, at V M / (M + m).
-
-    The impactor takes the added mass along at once, as in a collision without restitution.
-    """
-    still = jnp.zeros_like(velocity)
-    begins = impactor_share(element, p, mass) * velocity
-    return jnp.stack([still, begins, *(still for _ in range(element.states))])
 
 
 def tissue_force_over_mass(element: Element, p: Parameters, mass: Array, y: Array) -> Array:

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from scipy.constants import g as standard_gravity
 
 from bayestissue.elements import linear, solver
-from bayestissue.elements.element import Element, deceleration_of, falling
+from bayestissue.elements.element import Collision, falling
 
 # What a run calls an impactor that stands for a head.
 HEADFORM = "headform"
@@ -75,23 +75,16 @@ class Pulse(NamedTuple):
         return solver.cubic(values, slopes, into - index, step)
 
 
-def pulse_of(
-    element: Element,
-    p: dict[str, Array],
-    mass: Float[Array, " impact"],
-    velocity: Float[Array, " impact"],
-    end: Float[Array, " impact"],
-    nodes: solver.Nodes | None,
-) -> Pulse:
+def pulse_of(collision: Collision, end: Float[Array, " impact"], nodes: solver.Nodes | None) -> Pulse:
     """The pulse until ``end``; of an element that is not linear from the ``nodes`` of its path."""
     time = jnp.linspace(0.0, 1.0, SEARCH.steps + 1) * end[:, None]
-    if nodes is None or element.linear:
+    if nodes is None or collision.element.linear:
         step = end / SEARCH.steps
-        y = linear.even_grid(element, p, mass, velocity, jnp.zeros_like(end), step, SEARCH.steps + 1)
+        y = linear.even_grid(collision, jnp.zeros_like(end), step, SEARCH.steps + 1)
     else:
         y = solver.at_times(nodes, time)
-    columns = {name: value[:, None] for name, value in p.items()}
-    return Pulse(end, y[1] - falling(columns) * time, deceleration_of(element, columns, mass[:, None], y))
+    columns = collision.columns()
+    return Pulse(end, y[1] - falling(columns.parameters) * time, columns.deceleration(y))
 
 
 def head_injury(pulse: Pulse) -> dict[str, Float[Array, " impact"]]:

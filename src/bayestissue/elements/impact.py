@@ -17,15 +17,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from bayestissue.elements import linear, solver
-from bayestissue.elements.element import (
-    Element,
-    Parameters,
-    complete,
-    deceleration_of,
-    falling,
-    inertia,
-    rates_of_motion,
-)
+from bayestissue.elements.element import Collision, Element, Parameters, complete, falling, inertia
 from bayestissue.elements.registry import element as named
 
 # Steps are short at contact, where a Hertz force has no smooth start, and grow with its square root.
@@ -86,85 +78,73 @@ def impact(
         KeyError: there is no such element, or the parameters are not its own.
     """
     time = jnp.asarray(time, float)
-    which, arguments = prepared(element, parameters, mass, velocity, diameter, gravity, time.shape[:1])
-    return _impact(which, *arguments, time)
+    which = named(element)
+    completed = complete(which, parameters, *(as_floats(part) for part in (diameter, gravity)))
+    return _impact(*prepared(which, completed, mass, velocity, time.shape[:1]), time)
 
 
 @partial(jax.jit, static_argnames="element")
 def _impact(element: Element, p: dict[str, Array], mass: Array, velocity: Array, time: Array) -> Impact:
-    path = Path.solved(element, p, mass, velocity, time.max(-1))
+    path = Path.solved(Collision(element, p, mass, velocity), time.max(-1))
+    columns = path.collision.columns()
     since = jnp.clip(time, 0.0, jnp.minimum(path.leaves, path.duration)[:, None])
     y = path.at(since)
     inside = (time >= 0) & (time <= path.leaves[:, None])
-    d = deceleration_of(element, path.columns(), mass[:, None], y)
-    flight, fall = time - since, falling(path.columns())
+    d = columns.deceleration(y)
+    flight, fall = time - since, falling(columns.parameters)
     # At contact, where tissue is taken along, the velocity is another before than after.
     flies = jnp.where(time < 0, velocity[:, None], y[1])
     x, v = y[0] + flies * flight + fall * flight**2 / 2, flies + fall * flight
     return Impact(x, v, jnp.where(inside, d, 0.0), path.time_to_peak, path.leaves)
 
 
+def as_floats(values: ArrayLike | None) -> Array | None:
+    """As an array of floats; None stays."""
+    return None if values is None else jnp.asarray(values, float)
+
+
 def prepared(
-    element: str | Element,
-    parameters: Parameters,
+    element: Element,
+    completed: dict[str, Array],
     mass: ArrayLike,
     velocity: ArrayLike,
-    diameter: ArrayLike | None,
-    gravity: ArrayLike | None = None,
     shape: tuple[int, ...] = (1,),
-) -> tuple[Element, tuple[dict[str, Array], Array, Array]]:
-    """The element, and its parameters, mass and velocity, each [impact].
-
-    Raises:
-        KeyError: there is no such element, or the parameters are not its own.
-    """
-    which = named(element)
-    surroundings = (None if part is None else jnp.asarray(part, float) for part in (diameter, gravity))
-    completed = complete(which, parameters, *surroundings)
+) -> Collision:
+    """Complete parameters, mass and velocity, each [impact]."""
     M, V = jnp.asarray(mass, float), jnp.asarray(velocity, float)
     shape = jnp.broadcast_shapes(shape, *(part.shape for part in (*completed.values(), M, V)))
     p = {name: jnp.broadcast_to(value, shape) for name, value in completed.items()}
-    return which, (p, jnp.broadcast_to(M, shape), jnp.broadcast_to(V, shape))
+    return Collision(element, p, jnp.broadcast_to(M, shape), jnp.broadcast_to(V, shape))
 
 
 class Path(NamedTuple):
     """An impact that can be asked for its state at any time in contact."""
 
-    element: Element
-    parameters: dict[str, Array]
-    mass: Float[Array, " impact"]
-    velocity: Float[Array, " impact"]
+    collision: Collision
     duration: Float[Array, " impact"]
     nodes: solver.Nodes
     time_to_peak: Float[Array, " impact"]
     leaves: Float[Array, " impact"]
 
     @classmethod
-    def solved(
-        cls, element: Element, p: dict[str, Array], mass: Array, velocity: Array, until: ArrayLike = 0.0
-    ) -> Path:
+    def solved(cls, collision: Collision, until: ArrayLike = 0.0) -> Path:
         """The path from contact to ``until`` [s], or to four times an undamped contact if that is later."""
+        element, p, mass, _ = collision
         undamped = LONG * jnp.sqrt(inertia(element, p, mass) / p["K"])
         duration = jax.lax.stop_gradient(jnp.maximum(until, undamped))
         if element.linear:
-            nodes = _linear_nodes(element, p, mass, velocity, duration)
+            nodes = _linear_nodes(collision, duration)
         else:
             fractions = np.linspace(0.0, 1.0, NODES) ** 2
-            nodes = solver.nodes(element, p, mass, velocity, duration, fractions, flies_off=True)
-        path = cls(element, p, mass, velocity, duration, nodes, duration, duration)
-        peak, leaves = path.first(
-            lambda y: y[1], lambda y: deceleration_of(element, path.columns(), mass[:, None], y)
-        )
+            nodes = solver.nodes(collision, duration, fractions, flies_off=True)
+        path = cls(collision, duration, nodes, duration, duration)
+        peak, leaves = path.first(lambda y: y[1], collision.columns().deceleration)
         return path._replace(time_to_peak=peak, leaves=leaves)
-
-    def columns(self) -> dict[str, Array]:
-        """The parameters as columns beside times."""
-        return {name: value[:, None] for name, value in self.parameters.items()}
 
     def at(self, time: Float[Array, "impact time"]) -> Float[Array, "state impact time"]:
         """The state at times from contact on, within the duration."""
-        if self.element.linear:
-            return linear.at_times(self.element, self.parameters, self.mass, self.velocity, time)
+        if self.collision.element.linear:
+            return linear.at_times(self.collision, time)
         return solver.at_times(self.nodes, time)
 
     def first(self, *quantities: Quantity) -> Float[Array, "quantity impact"]:
@@ -233,12 +213,12 @@ def loops_of(
 
     Between the nodes of its path, an impact is the cubic of `solver.at_times`, also of a linear element.
     """
-    path = Path.solved(element, p, mass, velocity)
+    path = Path.solved(Collision(element, p, mass, velocity))
     peak, end = (jnp.minimum(when, path.duration)[:, None] for when in (path.time_to_peak, path.leaves))
     share = jnp.linspace(0.0, 1.0, places)
     times = jnp.concatenate([peak * share, peak + (end - peak) * share], axis=1)
     y = solver.at_times(path.nodes, times)
-    force = mass[:, None] * deceleration_of(element, path.columns(), mass[:, None], y)
+    force = mass[:, None] * path.collision.columns().deceleration(y)
     # The greatest depth to rounding, from which depths of a motion that does not leave may rise again.
     out = y[0][:, places:]
     falls = jax.lax.cummin(out, axis=1) == out
@@ -246,12 +226,10 @@ def loops_of(
     return Loop(y[0][:, :places], force[:, :places], out, pushed)
 
 
-def _linear_nodes(
-    element: Element, p: dict[str, Array], mass: Array, velocity: Array, duration: Array
-) -> solver.Nodes:
+def _linear_nodes(collision: Collision, duration: Array) -> solver.Nodes:
     """Even nodes, so that each is the one before it times one matrix."""
     start = jnp.zeros_like(duration)
-    y = linear.even_grid(element, p, mass, velocity, start, duration / (NODES - 1), NODES)
-    slope = rates_of_motion(element, {k: v[:, None] for k, v in p.items()}, mass[:, None], y)
+    y = linear.even_grid(collision, start, duration / (NODES - 1), NODES)
+    slope = collision.columns().rates(y)
     time = jnp.linspace(0.0, 1.0, NODES)[:, None] * duration
     return solver.Nodes(time, jnp.moveaxis(y, -1, 0), jnp.moveaxis(slope, -1, 0))

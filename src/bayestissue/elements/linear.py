@@ -10,14 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.elements.element import (
-    GRAVITY,
-    Element,
-    Parameters,
-    at_contact,
-    impactor_share,
-    rates_of_motion,
-)
+from bayestissue.elements.element import GRAVITY, Collision, impactor_share, rates_of_motion
 
 # (1/2)^14 / 14! is below rounding, and 2^40 times rounding is all that could be asked for.
 _ORDER = 14
@@ -27,13 +20,14 @@ _FEW = 16
 
 
 def transition(
-    element: Element, p: Parameters, mass: Float[Array, " impact"], time: Float[Array, " impact *time"]
+    collision: Collision, time: Float[Array, " impact *time"]
 ) -> Float[Array, "impact *time state state"]:
     """exp(A t) of y' = A y, smooth through repeated roots; along gravity of (y, 1).
 
     Times are in units of t itself, so that all entries of the exponent are of one kind: (omega_n t)^2,
     2 zeta omega_n t and time over relaxation time.
     """
+    element, p, mass, _ = collision
     size = 2 + element.states
     shape = (size, *mass.shape)
     unit = jnp.eye(size).reshape(size, size, *[1] * mass.ndim)
@@ -78,10 +72,7 @@ def _exponential(matrix: Float[Array, "*batch state state"]) -> Float[Array, "*b
 
 
 def even_grid(
-    element: Element,
-    p: Parameters,
-    mass: Float[Array, " impact"],
-    velocity: Float[Array, " impact"],
+    collision: Collision,
     first_time: Float[Array, " impact"],
     dt: Float[Array, " impact"],
     count: int,
@@ -92,9 +83,9 @@ def even_grid(
     in one loop over vectors.
     """
     steps = jnp.stack([jnp.maximum(first_time, 0.0), jnp.broadcast_to(dt, first_time.shape)], axis=-1)
-    transitions = transition(element, p, mass, steps)
+    transitions = transition(collision, steps)
     step, states = transitions[:, 1], range(transitions.shape[-1])
-    few = jnp.einsum("iab,bi->ia", transitions[:, 0], _start(element, p, mass, velocity))[..., None]
+    few = jnp.einsum("iab,bi->ia", transitions[:, 0], _start(collision))[..., None]
     # Each round doubles what is known.
     while few.shape[-1] < min(count, _FEW):
         few = jnp.concatenate([few, step @ few], axis=-1)
@@ -106,24 +97,17 @@ def even_grid(
         step = step @ step
     over, few = over[:, :blocks, ..., None], few[:, None]
     # Written out, since so small a product of matrices is a call each.
-    size = 2 + element.states
+    size = 2 + collision.element.states
     y = jnp.stack([sum(over[:, :, a, b] * few[:, :, b] for b in states) for a in range(size)])
     return y.reshape(size, len(dt), -1)[..., :count]
 
 
-def at_times(
-    element: Element,
-    p: Parameters,
-    mass: Float[Array, " impact"],
-    velocity: Float[Array, " impact"],
-    time: Float[Array, "impact time"],
-) -> Float[Array, "state impact time"]:
+def at_times(collision: Collision, time: Float[Array, "impact time"]) -> Float[Array, "state impact time"]:
     """The state at any times, not negative."""
-    start = _start(element, p, mass, velocity)
-    states = jnp.einsum("itab,bi->ait", transition(element, p, mass, time), start)
-    return states[: 2 + element.states]
+    states = jnp.einsum("itab,bi->ait", transition(collision, time), _start(collision))
+    return states[: 2 + collision.element.states]
 
 
-def _start(element: Element, p: Parameters, mass: Array, velocity: Array) -> Array:
-    y = at_contact(element, p, mass, velocity)
-    return jnp.concatenate([y, jnp.ones_like(y[:1])]) if GRAVITY in p else y
+def _start(collision: Collision) -> Array:
+    y = collision.at_contact()
+    return jnp.concatenate([y, jnp.ones_like(y[:1])]) if GRAVITY in collision.parameters else y

@@ -15,17 +15,18 @@ from jaxtyping import Float
 from bayestissue.declarations import declared
 from bayestissue.elements.element import (
     GRAVITY,
+    Collision,
     Element,
     Outcomes,
     Parameters,
-    deceleration_of,
+    complete,
     falling,
     impactor_share,
     inertia,
-    rates_of_motion,
 )
 from bayestissue.elements.head_injury import LONGEST, SEARCH, head_injury, pulse_of
-from bayestissue.elements.impact import LONG, Path, prepared
+from bayestissue.elements.impact import LONG, Path, as_floats, prepared
+from bayestissue.elements.registry import element as named
 
 
 class Outcome(NamedTuple):
@@ -71,8 +72,9 @@ def outcomes(
     Raises:
         KeyError: there is no such element, or the parameters are not its own.
     """
-    which, arguments = prepared(element, parameters, mass, velocity, diameter, gravity)
-    return outcomes_of(which, *arguments, headform=headform)
+    which = named(element)
+    completed = complete(which, parameters, *(as_floats(part) for part in (diameter, gravity)))
+    return outcomes_of(*prepared(which, completed, mass, velocity), headform=headform)
 
 
 @partial(jax.jit, static_argnames=("element", "headform"))
@@ -85,11 +87,11 @@ def outcomes_of(
     headform: bool = False,
 ) -> Outcomes:
     """`outcomes` of complete parameters, compiled: see `bayestissue.elements.element.complete`."""
-    nodes = None
+    nodes, collision = None, Collision(element, p, mass, velocity)
     if element.level_outcomes and GRAVITY not in p:
         comes = element.level_outcomes(p, mass, velocity)
     else:
-        path = Path.solved(element, p, mass, velocity)
+        path = Path.solved(collision)
         comes, nodes = _of_path(path), path.nodes
     if not headform:
         return comes
@@ -97,20 +99,16 @@ def outcomes_of(
         SEARCH.times_to_peak * comes.time_to_peak, LONG * jnp.sqrt(inertia(element, p, mass) / p["K"])
     )
     end = jnp.minimum(comes.contact_duration, window)
-    return comes._replace(**head_injury(pulse_of(element, p, mass, velocity, end, nodes)))
+    return comes._replace(**head_injury(pulse_of(collision, end, nodes)))
 
 
 def _of_path(path: Path) -> Outcomes:
     """Of a solved path."""
-    element, p, M, V = path.element, path.parameters, path.mass, path.velocity
-    columns = path.columns()
-
-    def decelerates(y: Array) -> Array:
-        return deceleration_of(element, columns, M[:, None], y)
+    element, p, M, V = path.collision
+    columns = path.collision.columns()
 
     def jerks(y: Array) -> Array:
-        rates = rates_of_motion(element, columns, M[:, None], y)
-        return jnp.abs(jax.jvp(decelerates, (y,), (rates,))[1])
+        return jnp.abs(jax.jvp(columns.deceleration, (y,), (columns.rates(y),))[1])
 
     times, nodes = path.nodes.time.T, jnp.moveaxis(path.nodes.y, 0, -1)
     peak, leaves = (jnp.minimum(when, path.duration) for when in (path.time_to_peak, path.leaves))
@@ -127,7 +125,7 @@ def _of_path(path: Path) -> Outcomes:
     squares_at = (jnp.asarray(_POINTS) + 1) / 2 * peak[:, None]
     parts = [
         *(peak[:, None], leaves[:, None], squares_at),
-        *(beside_greatest(quantity(nodes)) for quantity in (decelerates, jerks)),
+        *(beside_greatest(quantity(nodes)) for quantity in (columns.deceleration, jerks)),
     ]
     # In one go, since what follows the path is long to compile.
     states = path.at(jnp.concatenate(parts, axis=1))
@@ -154,7 +152,7 @@ def _of_path(path: Path) -> Outcomes:
         energy_share_with_gravity=1 - last**2 / (V**2 + 2 * fall * end),
         peak_depth=x,
         time_to_peak=path.time_to_peak,
-        peak_force=M * greatest(decelerates(hardest)),
+        peak_force=M * greatest(columns.deceleration(hardest)),
         contact_duration=path.leaves,
         rebound_velocity=-last,
         impulse=M * (V - last + fallen),

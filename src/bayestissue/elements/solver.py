@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.elements.element import Element, Parameters, at_contact, falling, rates_of_motion
+from bayestissue.elements.element import Collision, Parameters, falling, rates_of_motion
 
 # At least so many steps over a trace, where it has as many samples.
 STEPS = 64
@@ -35,10 +35,7 @@ class Nodes(NamedTuple):
 
 
 def nodes(
-    element: Element,
-    p: Parameters,
-    mass: Float[Array, " impact"],
-    velocity: Float[Array, " impact"],
+    collision: Collision,
     duration: Float[Array, " impact"],
     fractions: Float[np.ndarray, " node"],
     *,
@@ -48,10 +45,7 @@ def nodes(
     """The states at fractions of a duration, one step from each to the next.
 
     Args:
-        element: the element.
-        p: its parameters, each [impact] or a number.
-        mass: of the impactor [kg].
-        velocity: at contact [m/s].
+        collision: the impacts.
         duration: of the whole [s].
         fractions: from 0 to 1.
         start: the state at the beginning, that at contact unless given.
@@ -59,6 +53,8 @@ def nodes(
     """
     # Most of a second to import, and only elements that are not linear need it.
     import diffrax
+
+    element = collision.element
 
     def rates(y: Array, p: Parameters, mass: Array) -> Array:
         derivative = rates_of_motion(element, p, mass, y)
@@ -76,19 +72,19 @@ def nodes(
         t0=0.0,
         t1=1.0,
         dt0=None,
-        y0=at_contact(element, p, mass, velocity) if start is None else start,
-        args=(p, mass, duration),
+        y0=collision.at_contact() if start is None else start,
+        args=(collision.parameters, collision.mass, duration),
         stepsize_controller=diffrax.StepTo(ts=jnp.asarray(fractions)),
         saveat=diffrax.SaveAt(t0=True, steps=True),
         adjoint=diffrax.ForwardMode(),
         max_steps=len(fractions) - 1,
     )
     time, y = jnp.asarray(fractions)[:, None] * duration, solution.ys
-    solved = Nodes(time, y, jnp.moveaxis(rates(jnp.moveaxis(y, 1, 0), p, mass), 0, 1))
-    return _pushed_to_the_surface(element, p, mass, solved) if flies_off else solved
+    solved = Nodes(time, y, jnp.moveaxis(rates(jnp.moveaxis(y, 1, 0), *collision[1:3]), 0, 1))
+    return _pushed_to_the_surface(collision, solved) if flies_off else solved
 
 
-def _pushed_to_the_surface(element: Element, p: Parameters, mass: Array, nodes: Nodes) -> Nodes:
+def _pushed_to_the_surface(collision: Collision, nodes: Nodes) -> Nodes:
     """The nodes with the first one beyond the surface as it would be if the law held there too.
 
     A force that ends at the surface bends there. A cubic over that bend would err by more than all other
@@ -99,27 +95,22 @@ def _pushed_to_the_surface(element: Element, p: Parameters, mass: Array, nodes: 
     impact = jnp.arange(beyond.shape[0])
     step = nodes.time[beyond, impact] - nodes.time[beyond - 1, impact]
 
-    def rates(y: Array) -> Array:
-        return rates_of_motion(element, p, mass, y)
-
     # The method of Runge and Kutta, of fourth order.
     start = nodes.y[beyond - 1, :, impact].T
-    first = rates(start)
-    second = rates(start + step / 2 * first)
-    third = rates(start + step / 2 * second)
-    last = rates(start + step * third)
+    first = collision.rates(start)
+    second = collision.rates(start + step / 2 * first)
+    third = collision.rates(start + step / 2 * second)
+    last = collision.rates(start + step * third)
     end = start + step / 6 * (first + 2 * second + 2 * third + last)
     here = (jnp.arange(len(is_beyond))[:, None] == beyond) & is_beyond
     return nodes._replace(
-        y=jnp.where(here[:, None], end, nodes.y), slope=jnp.where(here[:, None], rates(end), nodes.slope)
+        y=jnp.where(here[:, None], end, nodes.y),
+        slope=jnp.where(here[:, None], collision.rates(end), nodes.slope),
     )
 
 
 def even_grid(
-    element: Element,
-    p: Parameters,
-    mass: Float[Array, " impact"],
-    velocity: Float[Array, " impact"],
+    collision: Collision,
     first_time: Float[Array, " impact"],
     dt: Float[Array, " impact"],
     count: int,
@@ -131,9 +122,9 @@ def even_grid(
     size = max(1, count // STEPS)
     number = -(-count // size)
     # Short steps first, as a Hertz force has no smooth start.
-    before = nodes(element, p, mass, velocity, jnp.maximum(first_time, 0.0), np.linspace(0.0, 1.0, 6) ** 2)
+    before = nodes(collision, jnp.maximum(first_time, 0.0), np.linspace(0.0, 1.0, 6) ** 2)
     even = np.linspace(0.0, 1.0, number + 1)
-    steps = nodes(element, p, mass, velocity, number * size * dt, even, start=before.y[-1])
+    steps = nodes(collision, number * size * dt, even, start=before.y[-1])
     into = jnp.broadcast_to(jnp.arange(size) / size, (dt.shape[0], size))
     step = (size * dt)[:, None]
     values, slopes = steps.y[..., None], steps.slope[..., None]

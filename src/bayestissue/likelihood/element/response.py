@@ -14,10 +14,9 @@ from jaxtyping import Float
 from bayestissue.elements import Element, linear, solver
 from bayestissue.elements.element import (
     GRAVITY,
+    Collision,
     Parameters,
-    at_contact,
     deceleration_of,
-    rates_of_motion,
     tissue_force_over_mass,
 )
 from bayestissue.likelihood.element.record import Contact, DecelerationRecord, ForceRows
@@ -73,9 +72,10 @@ def motion(
 ) -> Motion:
     """The impact at ``velocity`` [m/s], contact as the record has it; other arguments as of `response`."""
     first, late = _after_contact(record) if record.lead else (record.first_time, jnp.zeros(()))
+    sensor = _Sensor(_collision(element, parameters, record, velocity), record)
     if record.uneven is not None:
-        return Motion(*_at_times(element, parameters, velocity, record, record.time())[:3])
-    x, v, d, _ = _on_grid(element, parameters, velocity, record, first, record.dt, record.d.shape[1])
+        return Motion(*sensor.at_times(record.time())[:3])
+    x, v, d, _ = sensor.on_grid(first, record.dt, record.d.shape[1])
     if not record.lead:
         return Motion(x, v, d)
     # In flight until contact.
@@ -131,36 +131,143 @@ def _response_jvp(
 def _response(element: Element, parameters: Array, record: DecelerationRecord, reading: Reading) -> Response:
     inside = True if record.contact.reach else record.inside()
     force = None if record.force is None else _of_force(element, parameters, record, record.force)
-    answered = _by_velocity(
-        element, record, partial(_answer, element, parameters, record=record, reading=reading)
-    )
+    answered = _Sensor(_collision(element, parameters, record), record, reading).by_velocity()
     d, by_velocity, jerk = (jnp.where(inside, part, 0.0) for part in answered)
     return Response(d, by_velocity, jerk, force)
 
 
-def _answer(
-    element: Element, parameters: Array, velocity: Array, record: DecelerationRecord, reading: Reading
-) -> tuple[Array, Array]:
-    """A reading and its slope at the samples."""
-    if record.low_pass is not None:
-        return _recorded(element, parameters, velocity, record, record.low_pass, reading)
-    if record.uneven is not None:
-        time = record.uneven.since_contact() if record.contact.reach else record.time()
-        return _at_times(element, parameters, velocity, record, time, reading)[2:]
-    first = record.phase[0] * record.dt if record.contact.reach else record.first_time
-    count = record.d.shape[1] + record.contact.reach
-    return _on_grid(element, parameters, velocity, record, first, record.dt, count, reading)[2:]
+def _collision(
+    element: Element, parameters: Array, record: DecelerationRecord, velocity: Array | None = None
+) -> Collision:
+    """The impacts at ``velocity``, the recorded one unless given."""
+    names = [parameter.name for parameter in element.parameters]
+    p = dict(zip(names, parameters, strict=True)) | record.surroundings
+    return Collision(element, p, record.mass, record.velocity if velocity is None else velocity)
+
+
+class _Sensor(NamedTuple):
+    """What a sensor reads of impacts, over the impactor's mass.
+
+    Attributes:
+        collision: the impacts.
+        record: when its samples are, and its recorder.
+        reading: of parameters, mass and state.
+    """
+
+    collision: Collision
+    record: DecelerationRecord
+    reading: Reading = deceleration_of
+
+    def by_velocity(self) -> tuple[Array, Array, Array]:
+        """A reading at the samples, its derivative by the velocity at contact, and its slope."""
+        return _by_velocity(self.collision, lambda velocity: self._at(velocity).at_samples())
+
+    def _at(self, velocity: Array) -> _Sensor:
+        return self._replace(collision=self.collision._replace(velocity=velocity))
+
+    def at_samples(self) -> tuple[Array, Array]:
+        """A reading and its slope at the samples."""
+        record = self.record
+        if record.low_pass is not None:
+            return self._behind(record.low_pass)
+        if record.uneven is not None:
+            time = record.uneven.since_contact() if record.contact.reach else record.time()
+            return self.at_times(time)[2:]
+        first = record.phase[0] * record.dt if record.contact.reach else record.first_time
+        return self.on_grid(first, record.dt, record.d.shape[1] + record.contact.reach)[2:]
+
+    def on_grid(self, first: Array, dt: Array, count: int) -> tuple[Array, Array, Array, Array]:
+        """Penetration, velocity, reading and its slope at first + k dt after contact, k = 0 ... count - 1."""
+        return self._of_states(self._states(first, dt, count))
+
+    def _states(self, first: Array, dt: Array, count: int) -> Float[Array, "state impact sample"]:
+        grid = linear.even_grid if self.collision.element.linear else solver.even_grid
+        return grid(self.collision, first, dt, count)
+
+    def _of_states(self, y: Float[Array, "state impact time"]) -> tuple[Array, Array, Array, Array]:
+        """Penetration, velocity, reading and its slope in these states; a deceleration's is the jerk."""
+        columns = self.collision.columns()
+
+        def read(y: Array) -> Array:
+            return self.reading(columns.element, columns.parameters, columns.mass, y)
+
+        d, jerk = jax.jvp(read, (y,), (columns.rates(y),))
+        return y[0], y[1], d, jerk
+
+    def at_times(self, time: Float[Array, "impact time"]) -> tuple[Array, Array, Array, Array]:
+        """The same at any times since contact; no force before it.
+
+        By the cubic through states and rates of an even grid from contact on, of about half the mean sampling
+        interval, h: its error is (omega_n h)^4 / 384 of the motion.
+        """
+        record = self.record
+        width = record.d.shape[1] + record.contact.reach
+        count = 2 * width
+        rows = time.reshape(len(time), -1, width)[..., record.contact.reach :]
+        last = jnp.where(record.inside()[:, None], rows, 0.0).max((1, 2))
+        dt = jnp.maximum(last, record.dt) / (count - 1)
+        begin = self.collision.at_contact()[..., None]
+        y = jnp.concatenate([begin, self._states(dt, dt, count - 1)], axis=-1)
+        slope = self.collision.columns().rates(y)
+        steps = jnp.clip(time / dt[:, None], 0.0, count - 1.0)
+        index = jnp.minimum(steps.astype(int), count - 2)
+        here, there = ((part[..., :-1], part[..., 1:]) for part in (y, slope))
+
+        def taken(values: Array) -> Array:
+            return jnp.take_along_axis(values, index[None], axis=2)
+
+        y = solver.cubic(
+            (taken(here[0]), taken(here[1])), (taken(there[0]), taken(there[1])), steps - index, dt[:, None]
+        )
+        x, v, d, jerk = self._of_states(y)
+        flies = time < 0
+        return x, v, jnp.where(flies, 0.0, d), jnp.where(flies, 0.0, jerk)
+
+    def _behind(self, low_pass: LowPass) -> tuple[Array, Array]:
+        """A reading and its slope behind a recorder's low-pass, on the grid of `Response`."""
+        record = self.record
+
+        def flow(first: Array, dt: Array, count: int) -> Flow:
+            return Flow(*self.on_grid(first, dt, count)[2:], dt)
+
+        finer, reach = low_pass.phase.shape[0], record.contact.reach
+        step, ahead, count = record.dt / finer, low_pass.lead * finer, record.d.shape[1] * finer
+        first, late = _after_contact(record)
+        more, begin = 0, ahead - finer * late
+        if reach:
+            # As long before contact as behind the end.
+            first, count = step / 2, count + finer * reach - ahead
+        elif low_pass.corner is not None:
+            # Of all samples since contact, which the first of the record need not be.
+            more = EARLIER
+            earlier = jnp.clip(jnp.floor(first / step), 0, more)
+            first, begin = first - earlier * step, begin + earlier.astype(int)
+        later = flow(first, step, count + ahead + more).while_pushing()
+        if low_pass.corner is None:
+            early = flow(jnp.zeros_like(first), first / PIECES, PIECES + 1)
+            since = first[:, None] + (jnp.arange(ahead) - ahead) * step[:, None] if ahead else None
+            passed = low_passed(low_pass, early, later, since)
+        else:
+            passed = samples_passed(low_pass, low_pass.corner, later, ahead)
+        d, slope = (part[:, : ahead + more + count] for part in passed)
+        if reach:
+            return d, slope
+        if ahead or more:
+            index = jnp.arange(count) + begin[:, None]
+            d, slope = (jnp.take_along_axis(part, jnp.maximum(index, 0), axis=1) for part in (d, slope))
+        return d[:, ::finer], slope[:, ::finer]
 
 
 def _by_velocity(
-    element: Element, record: DecelerationRecord, answer: Callable[[Array], tuple[Array, Array]]
+    collision: Collision, answer: Callable[[Array], tuple[Array, Array]]
 ) -> tuple[Array, Array, Array]:
     """A reading, its derivative by the velocity at contact, and its slope, of what gives first and last."""
-    if element.linear and GRAVITY not in record.surroundings:
+    velocity = collision.velocity
+    if collision.element.linear and GRAVITY not in collision.parameters:
         # In proportion to the velocity at contact.
-        d, jerk = answer(record.velocity)
-        return d, d / record.velocity.reshape(-1, *[1] * (d.ndim - 1)), jerk
-    (d, jerk), (by_velocity, _) = jax.jvp(answer, (record.velocity,), (jnp.ones_like(record.velocity),))
+        d, jerk = answer(velocity)
+        return d, d / velocity.reshape(-1, *[1] * (d.ndim - 1)), jerk
+    (d, jerk), (by_velocity, _) = jax.jvp(answer, (velocity,), (jnp.ones_like(velocity),))
     return d, by_velocity, jerk
 
 
@@ -180,11 +287,11 @@ def _of_force(element: Element, parameters: Array, record: DecelerationRecord, f
     later = (since - begin[:, None]) / force.dt[:, None]
     whole = jnp.maximum(jnp.floor(later), 0.0)
     index = whole.astype(int)[..., None] + jnp.arange(force.y.shape[1])
-    known = Contact.known(jnp.zeros(len(begin), bool))
+    known, collision = Contact.known(jnp.zeros(len(begin), bool)), _collision(element, parameters, record)
     grid = at_force(record, force)._replace(first_time=begin, contact=known)
 
     def shifted(velocity: Array) -> tuple[Array, Array]:
-        d, jerk = _answer(element, parameters, velocity, grid, reading)
+        d, jerk = _Sensor(collision._replace(velocity=velocity), grid, reading).at_samples()
         into, interval = (later - whole)[..., None], force.dt[:, None, None]
 
         def at(values: Array, index: Array) -> Array:
@@ -195,7 +302,7 @@ def _of_force(element: Element, parameters: Array, record: DecelerationRecord, f
         return solver.cubic(*ends, into, interval), solver.cubic_slope(*ends, into, interval)
 
     inside = jnp.expand_dims(force.inside(), 1)
-    parts: Any = (jnp.where(inside, part, 0.0) for part in _by_velocity(element, record, shifted))
+    parts: Any = (jnp.where(inside, part, 0.0) for part in _by_velocity(collision, shifted))
     return Response(*parts)
 
 
@@ -215,140 +322,7 @@ def columns(response: Response, record: DecelerationRecord) -> list[Array]:
     return [response.by_velocity, *gain, offset, -response.jerk]
 
 
-def _on_grid(
-    element: Element,
-    parameters: Array,
-    velocity: Array,
-    record: DecelerationRecord,
-    first: Array,
-    dt: Array,
-    count: int,
-    reading: Reading = deceleration_of,
-) -> tuple[Array, Array, Array, Array]:
-    """Penetration, velocity, reading and its slope at first + k dt after contact, k = 0 ... count - 1."""
-    y = _states(element, parameters, velocity, record, first, dt, count)
-    return _of_states(element, parameters, record, y, reading)
-
-
-def _states(
-    element: Element,
-    parameters: Array,
-    velocity: Array,
-    record: DecelerationRecord,
-    first: Array,
-    dt: Array,
-    count: int,
-) -> Float[Array, "state impact sample"]:
-    """The element's state on such a grid."""
-    grid = linear.even_grid if element.linear else solver.even_grid
-    return grid(element, _named(element, parameters, record), record.mass, velocity, first, dt, count)
-
-
-def _named(element: Element, parameters: Array, record: DecelerationRecord) -> dict[str, Array]:
-    names = [parameter.name for parameter in element.parameters]
-    return dict(zip(names, parameters, strict=True)) | record.surroundings
-
-
-def _rates(
-    element: Element, parameters: Array, record: DecelerationRecord, y: Float[Array, "state impact time"]
-) -> Array:
-    p = {name: value[:, None] for name, value in _named(element, parameters, record).items()}
-    return rates_of_motion(element, p, record.mass[:, None], y)
-
-
-def _of_states(
-    element: Element,
-    parameters: Array,
-    record: DecelerationRecord,
-    y: Float[Array, "state impact time"],
-    reading: Reading,
-) -> tuple[Array, Array, Array, Array]:
-    """Penetration, velocity, reading and its slope in these states; of a deceleration that is the jerk."""
-    p, mass = _named(element, parameters, record), record.mass[:, None]
-    p = {name: value[:, None] for name, value in p.items()}
-    rates = rates_of_motion(element, p, mass, y)
-    d, jerk = jax.jvp(lambda y: reading(element, p, mass, y), (y,), (rates,))
-    return y[0], y[1], d, jerk
-
-
-def _at_times(
-    element: Element,
-    parameters: Array,
-    velocity: Array,
-    record: DecelerationRecord,
-    time: Float[Array, "impact time"],
-    reading: Reading = deceleration_of,
-) -> tuple[Array, Array, Array, Array]:
-    """The same at any times since contact; no force before it.
-
-    By the cubic through states and rates of an even grid from contact on, of about half the mean sampling
-    interval, h: its error is (omega_n h)^4 / 384 of the motion.
-    """
-    count = 2 * (record.d.shape[1] + record.contact.reach)
-    rows = time.reshape(len(time), -1, record.contact.reach + record.d.shape[1])[..., record.contact.reach :]
-    last = jnp.where(record.inside()[:, None], rows, 0.0).max((1, 2))
-    dt = jnp.maximum(last, record.dt) / (count - 1)
-    begin = at_contact(element, _named(element, parameters, record), record.mass, velocity)[..., None]
-    y = jnp.concatenate([begin, _states(element, parameters, velocity, record, dt, dt, count - 1)], axis=-1)
-    slope = _rates(element, parameters, record, y)
-    steps = jnp.clip(time / dt[:, None], 0.0, count - 1.0)
-    index = jnp.minimum(steps.astype(int), count - 2)
-    here, there = ((part[..., :-1], part[..., 1:]) for part in (y, slope))
-
-    def taken(values: Array) -> Array:
-        return jnp.take_along_axis(values, index[None], axis=2)
-
-    y = solver.cubic(
-        (taken(here[0]), taken(here[1])), (taken(there[0]), taken(there[1])), steps - index, dt[:, None]
-    )
-    x, v, d, jerk = _of_states(element, parameters, record, y, reading)
-    flies = time < 0
-    return x, v, jnp.where(flies, 0.0, d), jnp.where(flies, 0.0, jerk)
-
-
 def _after_contact(record: DecelerationRecord) -> tuple[Array, Array]:
     """From contact to the first sample after it [s], and how many of the trace's samples are before."""
     late = jnp.maximum(jnp.ceil(-record.first_time / record.dt), 0.0)
     return record.first_time + late * record.dt, late.astype(int)
-
-
-def _recorded(
-    element: Element,
-    parameters: Array,
-    velocity: Array,
-    record: DecelerationRecord,
-    low_pass: LowPass,
-    reading: Reading,
-) -> tuple[Array, Array]:
-    """A reading and its slope behind a recorder's low-pass, on the grid of `Response`."""
-
-    def flow(first: Array, dt: Array, count: int) -> Flow:
-        d, jerk = _on_grid(element, parameters, velocity, record, first, dt, count, reading)[2:]
-        return Flow(d, jerk, dt)
-
-    finer, reach = low_pass.phase.shape[0], record.contact.reach
-    step, ahead, count = record.dt / finer, low_pass.lead * finer, record.d.shape[1] * finer
-    first, late = _after_contact(record)
-    more, begin = 0, ahead - finer * late
-    if reach:
-        # As long before contact as behind the end.
-        first, count = step / 2, count + finer * reach - ahead
-    elif low_pass.corner is not None:
-        # Of all samples since contact, which the first of the record need not be.
-        more = EARLIER
-        earlier = jnp.clip(jnp.floor(first / step), 0, more)
-        first, begin = first - earlier * step, begin + earlier.astype(int)
-    later = flow(first, step, count + ahead + more).while_pushing()
-    if low_pass.corner is None:
-        early = flow(jnp.zeros_like(first), first / PIECES, PIECES + 1)
-        since = first[:, None] + (jnp.arange(ahead) - ahead) * step[:, None] if ahead else None
-        passed = low_passed(low_pass, early, later, since)
-    else:
-        passed = samples_passed(low_pass, low_pass.corner, later, ahead)
-    d, slope = (part[:, : ahead + more + count] for part in passed)
-    if reach:
-        return d, slope
-    if ahead or more:
-        index = jnp.arange(count) + begin[:, None]
-        d, slope = (jnp.take_along_axis(part, jnp.maximum(index, 0), axis=1) for part in (d, slope))
-    return d[:, ::finer], slope[:, ::finer]
