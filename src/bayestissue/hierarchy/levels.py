@@ -12,8 +12,8 @@ and q itself the median of impacts there. What is not given is
 - typical: an effect of 0 of a group's level, such as of a person or a session.
 
 But what follows from a given level (see `bayestissue.hierarchy.recorded`) has that level's value. There is no
-other way to a value: variables such as K_subject are `log_at_levels`, and so is all that is asked of a fit, by
-`bayestissue.inference.answers.study`.
+other way to a value: variables such as K_subject are `log_at_levels`, and so is all that is asked of a fit
+(`bayestissue.inference.answers.study`).
 """
 
 from __future__ import annotations
