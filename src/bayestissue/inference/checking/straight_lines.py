@@ -53,14 +53,15 @@ def straight_lines(
         are straight.
     """
     rows = some_impacts(len(design.subject))
+    shares = np.arange(len(design.subject)) if mass_group is None else mass_group
     lines: list[dict[str, Any]] = []
     for q, part in design.responses.items():
         if q not in posterior or "impact" not in posterior[q].dims:
             continue
         drawn = np.log(posterior[q].transpose("impact", ...).to_numpy()).reshape(len(design.subject), -1)
         # K and C are in proportion to the mass.
-        errors = log_mass_sd if q in RESPONSES else 0.0, _numbered(mass_group, len(design.subject))[rows]
-        y, cov = drawn.mean(axis=1)[rows], _covariance(design, part, posterior, rows, *errors)
+        y, cov = drawn.mean(axis=1)[rows], _covariance(design, part, posterior, rows)
+        cov += (log_mass_sd * (q in RESPONSES)) ** 2 * (shares[rows, None] == shares[rows])
         x = [np.ones((len(rows), 1)), part.covariates[rows]]
         x += [] if part.log_mass is None else [part.log_mass[rows, None]]
         root = np.linalg.cholesky(cov)
@@ -79,21 +80,14 @@ def straight_lines(
     return Finding("no-straight-line", passed=False, words=words, first=first).record(lines=lines)
 
 
-def _numbered(group: np.ndarray | None, count: int) -> np.ndarray:
-    return np.arange(count) if group is None else group
-
-
 def _covariance(
     design: Design,
     part: ResponseDesign,
     posterior: xr.Dataset,
     rows: np.ndarray,
-    error_sd: float,
-    error_group: Int[np.ndarray, " row"],
 ) -> Float[np.ndarray, "row row"]:
     q = part.response
     cov = float(posterior[sd_impact(part.parameter)].median()) ** 2 * np.eye(len(rows))
-    cov += error_sd**2 * (error_group[:, None] == error_group)
     for term, column in part.terms.items():
         code, scaled = design.groupings[term.grouping].code[rows], column.covariate[rows] * column.scale
         sd = float(posterior[term.sd(q)].median())

@@ -12,7 +12,7 @@ their weights, each with a draw of the chain's errors given the trace.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 import jax
@@ -170,10 +170,9 @@ def _of_block(
     say("each impact's most probable values", 0, 1)
     prior = ConditionalPrior(np.broadcast_to(prior.mean, start.shape), prior.precision).of_each()
     sites = laplace_sites(model, with_normal_errors(data), start, prior)
-    even, mass_error = _standard(start.shape[1])
-    u, weight, pareto_k = _corrected(model, data, prior, sites, even, say)
+    u, weight, pareto_k = _corrected(model, data, prior, sites, say)
     # A trace shows omega_n and zeta alone: of the mass, to which K and C are in proportion, it says nothing.
-    of_mass = np.repeat(model.log_mass_sd * mass_error[:, None], u.shape[1], axis=1)
+    of_mass = np.repeat(model.log_mass_sd * _standard(start.shape[1]).mass_error[:, None], u.shape[1], axis=1)
     by_mass = np.exp(of_mass)
     oscillator = physical(model, data, list(np.moveaxis(u, -1, 0)))
     middle = np.stack([_marginal(u[..., a], weight).median for a in range(u.shape[-1])], axis=-1)
@@ -208,7 +207,6 @@ def _corrected(
     data: TraceData,
     prior: ConditionalPrior,
     sites: GaussianFactor,
-    even: _Even,
     say: Callable[[str, int, int], None],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of each impact's posterior, their weights, which sum to 1, and Pareto k.
@@ -217,6 +215,7 @@ def _corrected(
     with the mean and covariance of the weighted points (adaptive importance sampling); of an impact the best
     of them are kept.
     """
+    even = _standard(sites.centre.shape[1])
     z, log_mass = even.normal * even.scale[:, None], np.asarray(data.log_mass)
     size, proposal = z.shape[1], normals(sites, prior)
     mean = proposal.at(np.zeros((len(sites.centre), size)))
@@ -331,17 +330,25 @@ def _root(covariance: Float[np.ndarray, "impact parameter parameter"]) -> np.nda
 
 
 class _Even(NamedTuple):
-    """Standard normals, and the scales that make a multivariate t of them."""
+    """Points that fill the space evenly.
+
+    Attributes:
+        normal: standard normals.
+        scale: what makes a multivariate t of them.
+        mass_error: standard normals for the error of the mass.
+    """
 
     normal: Float[np.ndarray, "point parameter"]
     scale: Float[np.ndarray, " point"]
+    mass_error: Float[np.ndarray, " point"]
 
 
-def _standard(size: int) -> tuple[_Even, Float[np.ndarray, " point"]]:
-    """Points that fill the space evenly, and standard normals for the error of the mass."""
+@cache
+def _standard(size: int) -> _Even:
+    """Such points for so many parameters."""
     even = np.clip(qmc.Sobol(size + _BESIDES, seed=20).random(POINTS), 1e-9, 1 - 1e-9)
     scale = np.sqrt(_TAILS / chi2.ppf(even[:, size], _TAILS))
-    return _Even(norm.ppf(even[:, :size]), scale), norm.ppf(even[:, size + 1])
+    return _Even(norm.ppf(even[:, :size]), scale, norm.ppf(even[:, size + 1]))
 
 
 def _outcomes(
