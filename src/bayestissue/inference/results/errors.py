@@ -92,8 +92,15 @@ def by_source(
     ridge: Float[np.ndarray, "parameter parameter"] | float = 0.0,
 ) -> TraceErrors:
     """N and its parts from J and A, whose columns have these sources; without those that have no error."""
-    gain = slopes @ shared.mT @ np.linalg.inv(np.eye(shared.shape[1]) + shared @ shared.mT)
-    covariance = np.linalg.inv((slopes - gain @ shared) @ slopes.mT + ridge)
+    # J' W J = r' r, r being what least squares by A, an error costing its square, leave of J: no difference
+    # of large numbers where errors are far above the noise.
+    impacts, parameters, count = *slopes.shape[:2], shared.shape[1]
+    errors = np.concatenate([shared.mT, np.broadcast_to(np.eye(count), (impacts, count, count))], axis=1)
+    target = np.concatenate([slopes.mT, np.zeros((impacts, count, parameters))], axis=1)
+    basis, triangle = np.linalg.qr(errors)
+    along = basis.mT @ target
+    gain, left = np.linalg.solve(triangle, along).mT, target - basis @ along
+    covariance = np.linalg.inv(left.mT @ left + ridge)
     moved = covariance @ gain
     parts: dict[str, Matrices] = {}
     for number, source in enumerate(sources):
