@@ -144,7 +144,7 @@ def _of_path(path: Path) -> Outcomes:
     return Outcomes(
         mass=M,
         velocity=V,
-        K_tangent=tangent_stiffness(element, p),
+        K_tangent=tangent_stiffness(element, dict(p)),
         K_secant=element.force(x, jnp.zeros_like(v), s, p) / x,
         C_equivalent=spent / squares,
         energy_lost=1 - (last / V) ** 2,

@@ -188,7 +188,7 @@ def _outcomes(run: FitRun, asked: Study) -> str:
     for name, draws in values.items():
         _, unit, factor = DECLARED[str(name)].shown
         shown = spread(factor * draws.to_numpy().ravel())
-        parts.append(f"{outcome_name(name)} {shown.value} {unit} ({shown.range})")
+        parts.append(f"{outcome_name(str(name))} {shown.value} {unit} ({shown.range})")
     mass, velocity = (float(asked.motion([{}])[name][0]) for name in ("mass_kg", "velocity_m_s"))
     return said(
         "study.outcomes",

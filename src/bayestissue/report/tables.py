@@ -112,7 +112,7 @@ _TEXTS: dict[str, Callable[..., str]] = {
     "text": str,
     "words": str,
     "name": lambda name: name.replace("_", " "),
-    "quantity": lambda name: SECANTS.get(name, name),
+    "quantity": lambda name: str(SECANTS.get(name, name)),
     "heading": heading_words,
     "unit": lambda unit: "" if unit == "1" else unit,
     "scheme": lambda scheme: scheme.removeprefix("leave one ").removesuffix(" out"),

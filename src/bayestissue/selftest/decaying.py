@@ -17,7 +17,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.elements import element
-from bayestissue.elements.element import complete
+from bayestissue.elements.element import Collision, complete
 from bayestissue.elements.linear import transition
 from bayestissue.selftest.mixed_models import data
 
@@ -41,11 +41,12 @@ def element_of_rates(rates: tuple[float, ...]) -> Float[np.ndarray, " 3"]:
 @jax.jit
 def _left(logs: Float[Array, " parameter"]) -> Float[Array, " time"]:
     """What the motions that begin with x, v or s alone leave of `LANCZOS3`."""
-    which, mass = element("standard_linear"), jnp.ones(1)
+    which, one = element("standard_linear"), jnp.ones(1)
     values = dict(
         zip((parameter.name for parameter in which.parameters), jnp.exp(logs)[:, None], strict=True)
     )
-    columns = transition(which, complete(which, values, None), mass, jnp.asarray(TIME)[None])[0, :, 0]
+    free = Collision(which, complete(which, values, None), one, one)
+    columns = transition(free, jnp.asarray(TIME)[None])[0, :, 0]
     basis, _ = jnp.linalg.qr(columns)
     series = jnp.asarray(LANCZOS3)
     return series - basis @ (basis.T @ series)

@@ -44,7 +44,7 @@ def levels_table(contrasts: Contrasts) -> pd.DataFrame:
     for factor, levels in contrasts.factors.items():
         if len(levels) > SETTINGS.in_pairs:
             continue
-        at = {"factor": factor, "level": [label_of(level[factor]) for level in levels]}
+        at: dict[str, Any] = {"factor": factor, "level": [label_of(level[factor]) for level in levels]}
         notes: list[str] = list(average_notes(study.recorded, study.recorded.formulas, [factor]))
         for response, compared in contrasts.of_responses.items():
             if any(factor == one.factors[0] for one in compared if one.kind == LEVELS):
@@ -141,7 +141,7 @@ def _median_way(loops: xr.Dataset, branch: str) -> pd.DataFrame:
     medians: dict[str, Any] = {"branch": branch}
     for part, column in (("depth", "depth_m"), ("force", "force_N")):
         values = loops[f"{part}_{branch}"]
-        known = np.isfinite(values).mean(DRAWN) >= SETTINGS.reached
+        known = xr.apply_ufunc(np.isfinite, values).mean(DRAWN) >= SETTINGS.reached
         medians[column] = values.where(known, 0.0).median(DRAWN, skipna=False).where(known).to_numpy()
     return pd.DataFrame(medians).dropna(subset="depth_m")
 
@@ -178,7 +178,7 @@ def curves_table(contrasts: Contrasts) -> pd.DataFrame:
             draws=outcomes.sizes["chain"] * outcomes.sizes["draw"],
         )
         tables += [
-            at.assign(quantity=name, unit=_unit(str(name)), **interval(values))
+            at.assign(quantity=str(name), unit=_unit(str(name)), **interval(values))
             for name, values in outcomes.items()
         ]
     return _whole("curves", tables)

@@ -114,7 +114,8 @@ def _predicted(
     outcomes = study.outcomes(simulated, conditions) if held.any() else xr.Dataset()
     notes = _notes(study, conditions, outcomes, held)
     columns = COLUMNS | (HEADFORM_COLUMNS if headform else OUTCOME_COLUMNS)
-    summary = _summary({q: parameters[q] for q in RESPONSES} | dict(outcomes), columns)
+    of_motion = {str(name): draws for name, draws in outcomes.items()}
+    summary = _summary({q: parameters[q] for q in RESPONSES} | of_motion, columns)
     count = simulated.sizes["chain"] * simulated.sizes["draw"]
     table = pd.DataFrame(
         [
@@ -198,7 +199,7 @@ def _summary(
     for name, draws in values.items():
         summary |= interval(draws, columns[name])
         if name in NEVER:
-            never = np.isinf(draws).where(~np.isnan(draws)).mean(DRAWN, skipna=False)
+            never = xr.apply_ufunc(np.isinf, draws).where(~np.isnan(draws)).mean(DRAWN, skipna=False)
             summary[f"{columns[name]}_never"] = never.to_numpy()
     return summary
 

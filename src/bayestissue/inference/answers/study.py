@@ -164,7 +164,7 @@ class Study:
     def loops(self, conditions: Sequence[Condition], step: int) -> xr.Dataset:
         """Force over depth at given levels and motions, [chain, draw, condition, place]: see `Law.loops`."""
         parameters = self.parameters(conditions).isel(draw=slice(None, None, step))
-        of_law = {name: values.to_numpy() for name, values in parameters.items()}
+        of_law = {str(name): values.to_numpy() for name, values in parameters.items()}
         loops = self.law.loops(of_law, self.motion(conditions))
         return xr.Dataset({name: ((*DRAWN, "condition", "place"), way) for name, way in loops.items()})
 

@@ -205,7 +205,7 @@ class Trimmed(NamedTuple):
 
 def _trimmed(path: Visited, prepared: Prepared) -> Trimmed:
     """Without the impacts and levels that fill up, hyperparameters constrained."""
-    y, b, log_likelihood, log_ratios, u, _ = path
+    y, b, log_likelihood, log_ratios, u, _ = jax.tree.map(np.asarray, path)
     count = len(prepared.impacts)
     of_groups = zip(prepared.design.groupings.items(), log_ratios.groups, strict=True)
     groups = {name: values[..., : len(grouping.levels)] for (name, grouping), values in of_groups}

@@ -202,8 +202,10 @@ def move_numbers(target: Target, settings: ChainSettings, key: Array) -> MoveNum
     """The random numbers of one move of the impacts."""
     size, impacts, steps = 2 + len(target.model.nuisance), len(target.present), settings.inner + 1
     normal, uniform = [(size, impacts), *_of_walk(target, steps)], [(impacts,), (impacts,), (target.parts,)]
-    (of_impacts, *of_walk), (*of_move, of_steps) = _drawn(key, normal, [*uniform, (steps,)])
-    return MoveNumbers(of_impacts, *of_move, WalkNumbers(*of_walk, of_steps))
+    numbers, uniform_numbers = _drawn(key, normal, [*uniform, (steps,)])
+    of_impacts, step, scale, effects = numbers
+    way, label, decision, of_steps = uniform_numbers
+    return MoveNumbers(of_impacts, way, label, decision, WalkNumbers(step, scale, effects, of_steps))
 
 
 def _of_walk(target: Target, steps: int) -> Shapes:

@@ -251,12 +251,13 @@ def _account(
     sds = np.abs(freed_error.error[which]) / np.where(
         freed_error.declared[which] > 0, freed_error.declared[which], np.nan
     )
+    impacts = prepared.impacts["impact"].astype(str)[which].tolist()
     account = {
         "error": name,
         "alike": {key: _relative(errors[key], which) for key in equivalent},
         "kind": pattern.kind,
         "common": pattern.common,
-        "impacts": prepared.impacts["impact"].astype(str)[which].tolist(),
+        "impacts": impacts,
         "groups": prepared.impacts[pattern.kind].astype(str)[which].unique().tolist()
         if pattern.kind in _GROUPS
         else [],
@@ -270,7 +271,7 @@ def _account(
     }
     if left > LIMIT:
         return account | {"passed": None, "words": sentence("measuring-chain.undecided", error=name)}
-    first, rows = sentence("measuring-chain.first"), ALL_ROWS if which.all() else account["impacts"]
+    first, rows = sentence("measuring-chain.first"), ALL_ROWS if which.all() else impacts
     return Finding("measuring-chain", passed=False, words=in_words(account), first=first, rows=rows).record(
         **account
     )

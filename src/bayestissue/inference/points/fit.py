@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -109,19 +109,20 @@ def _fit(
     # n samples that do not turn back are less than half a period, so the main value of arccos is right
     w, zeta = from_differences(fit.c1, fit.c2, None, 1.0)
     K, C = spring_damper(w / dt, zeta, mass)
-    return PointFit(
-        phi1,
-        phi2,
-        fit.theta1,
-        sigma_a=jnp.sqrt(fit.form / size),
-        omega_n=w / dt,
-        zeta=zeta,
-        K=K,
-        C=C,
-        branch=arccos_branch(phi1, phi2, fit.theta1),
-        noiseless=fit.form <= 4 * fit.floor,
-        theta1_at_limit=jnp.abs(fit.theta1) > 1 - 1 / size,
-    )
+    estimates: dict[str, Any] = {
+        "phi1": phi1,
+        "phi2": phi2,
+        "theta1": fit.theta1,
+        "sigma_a": jnp.sqrt(fit.form / size),
+        "omega_n": w / dt,
+        "zeta": zeta,
+        "K": K,
+        "C": C,
+        "branch": arccos_branch(phi1, phi2, fit.theta1),
+        "noiseless": fit.form <= 4 * fit.floor,
+        "theta1_at_limit": jnp.abs(fit.theta1) > 1 - 1 / size,
+    }
+    return PointFit(**estimates)
 
 
 _fit_batch = jax.jit(_fit, compiler_options=FULLY)

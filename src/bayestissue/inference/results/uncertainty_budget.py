@@ -96,7 +96,7 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
         _shares(TRACE, _by_response(of_traces, measured)),
     ]
     typical = {q: float(np.var(typical_logs(prepared.design, draws.population, q))) for q in RESPONSES}
-    means = {q: {PERSON_AND_CONDITION: variance} for q, variance in typical.items()}
+    means: dict[str, dict[str, Any]] = {q: {PERSON_AND_CONDITION: typical[q]} for q in RESPONSES}
     if not many:
         # Variances of means are linear in those of the hyperparameters, whose posteriors have long tails.
         middle = _variances(part, _middle(part, draws, _root_mean_square))
@@ -167,10 +167,10 @@ class _Variances(NamedTuple):
         measured: covariance of what the traces tell of u.
     """
 
-    scatter: dict[str, Float[Array, "parameter parameter"]]
-    effects: dict[str, Float[Array, " location"]]
+    scatter: Mapping[str, Float[Array | np.ndarray, "parameter parameter"]]
+    effects: Mapping[str, Float[Array | np.ndarray, " location"]]
     columns: Float[Array, "impact parameter location"]
-    measured: dict[str, Float[Array, "impact parameter parameter"]]
+    measured: Mapping[str, Float[Array | np.ndarray, "impact parameter parameter"]]
 
     def at(self, factor: dict[str, Array]) -> tuple[Array, Array, Array]:
         """Measured, scatter and effects, all sources together, the variances of each times its factor."""

@@ -186,9 +186,9 @@ def _slid_gram(
     # The offset does not show in all samples before the first.
     with_offset = (within - among(leaves, row < shift - fixed[-1, :reach].sum()))[:, -1:]
     within = within - among(leaves, row < shift - recorded)
-    across = jnp.concatenate([jnp.stack(across), with_offset], axis=1)[..., :-1]
+    slid_gram = jnp.concatenate([jnp.stack(across), with_offset], axis=1)[..., :-1]
     still = jnp.broadcast_to(fixed @ fixed.T, (reach, len(fixed), len(fixed)))
-    upper = jnp.concatenate([still, across], axis=2)
+    upper = jnp.concatenate([still, slid_gram], axis=2)
     return jnp.concatenate(
-        [upper, jnp.concatenate([across.swapaxes(1, 2), within[:, :-1, :-1]], axis=2)], axis=1
+        [upper, jnp.concatenate([slid_gram.swapaxes(1, 2), within[:, :-1, :-1]], axis=2)], axis=1
     )

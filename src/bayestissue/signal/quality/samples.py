@@ -112,7 +112,7 @@ def _step(value: Rows, inside: Mask) -> Column:
         return np.where(gaps > 1e-9 * span[:, None], gaps, np.inf).min(axis=1, initial=np.inf)
 
 
-def chance(squares: Column, count: Index | int, freedom: Column | float) -> Column:
+def chance(squares: Column | float, count: Index | int, freedom: Column | float) -> Column:
     """The probability that noise alone leaves as much: an F test.
 
     Args:
@@ -120,7 +120,7 @@ def chance(squares: Column, count: Index | int, freedom: Column | float) -> Colu
         count: degrees of freedom that it has.
         freedom: those by which the variance is known.
     """
-    return fdtrc(count, freedom, squares / count)
+    return np.asarray(fdtrc(count, freedom, squares / count))
 
 
 def spikes(recorded: Recorded) -> Index:
