@@ -1,4 +1,4 @@
-"""How often the likelihood of a chain reads its arrays, and its operations a sample: the same on any machine."""
+"""How often a chain's likelihood reads its arrays, and its operations a sample: the same on any machine."""
 
 from __future__ import annotations
 
