@@ -27,7 +27,7 @@ class Lab:
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     contact: Contact | None = None
 
-    def part(self, rows: slice) -> Lab:
+    def select(self, rows: slice) -> Lab:
         return replace(self, impacts=self.impacts.iloc[rows], traces=self.traces[rows])
 
 
