@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import Array
+from jax.typing import ArrayLike
 from jaxtyping import Float
 from scipy.constants import g as standard_gravity
 
@@ -180,7 +181,7 @@ class Element:
 
 
 def complete(
-    element: Element, parameters: Parameters, diameter: Array | None, gravity: Array | None = None
+    element: Element, parameters: Parameters, diameter: ArrayLike | None, gravity: ArrayLike | None = None
 ) -> dict[str, Array]:
     """Parameters as arrays, with the impactor's diameter beside them, and gravity where there is any.
 
@@ -191,8 +192,8 @@ def complete(
     if set(parameters) != expected:
         raise KeyError(f"{element.name} has the parameters {sorted(expected)}, not {sorted(parameters)}")
     size = REFERENCE_DIAMETER_M if diameter is None else diameter
-    surroundings = {"diameter_m": jnp.asarray(size)} | ({} if gravity is None else {GRAVITY: gravity})
-    return {**{k: jnp.asarray(v, float) for k, v in parameters.items()}, **surroundings}
+    surroundings = {"diameter_m": size} | ({} if gravity is None else {GRAVITY: gravity})
+    return {k: jnp.asarray(v, float) for k, v in {**parameters, **surroundings}.items()}
 
 
 class Collision(NamedTuple):

@@ -79,7 +79,7 @@ def impact(
     """
     time = jnp.asarray(time, float)
     which = named(element)
-    completed = complete(which, parameters, *(as_floats(part) for part in (diameter, gravity)))
+    completed = complete(which, parameters, diameter, gravity)
     return _impact(*prepared(which, completed, mass, velocity, time.shape[:1]), time)
 
 
@@ -96,11 +96,6 @@ def _impact(element: Element, p: dict[str, Array], mass: Array, velocity: Array,
     flies = jnp.where(time < 0, velocity[:, None], y[1])
     x, v = y[0] + flies * flight + fall * flight**2 / 2, flies + fall * flight
     return Impact(x, v, jnp.where(inside, d, 0.0), path.time_to_peak, path.leaves)
-
-
-def as_floats(values: ArrayLike | None) -> Array | None:
-    """As an array of floats; None stays."""
-    return None if values is None else jnp.asarray(values, float)
 
 
 def prepared(

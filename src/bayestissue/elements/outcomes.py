@@ -25,7 +25,7 @@ from bayestissue.elements.element import (
     inertia,
 )
 from bayestissue.elements.head_injury import LONGEST, SEARCH, head_injury, pulse_of
-from bayestissue.elements.impact import LONG, Path, as_floats, prepared
+from bayestissue.elements.impact import LONG, Path, prepared
 from bayestissue.elements.registry import element as named
 
 
@@ -73,7 +73,7 @@ def outcomes(
         KeyError: there is no such element, or the parameters are not its own.
     """
     which = named(element)
-    completed = complete(which, parameters, *(as_floats(part) for part in (diameter, gravity)))
+    completed = complete(which, parameters, diameter, gravity)
     return outcomes_of(*prepared(which, completed, mass, velocity), headform=headform)
 
 

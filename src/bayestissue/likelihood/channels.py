@@ -6,7 +6,7 @@ and, where there is one, the weights of a discrepancy's modes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 import jax
@@ -79,15 +79,16 @@ class Whitened(NamedTuple):
 
 
 def whitened(
-    channels_of: Callable[[Array], Sequence[Channel[Any]]],
+    traces_of: Callable[[Array], MeasuredTraces],
     u: Float[Array, "impact parameter"],
-    errors: Errors,
+    which: slice = slice(None),
 ) -> Whitened:
-    """The channels at u; contact is known."""
-    channels, size = channels_of(u), u.shape[1]
+    """The channels of the traces at u, or ``which`` of them; contact is known."""
+    traces, size = traces_of(u), u.shape[1]
+    channels = traces.channels()[which]
 
     def residuals(u: Array) -> list[Array]:
-        return [channel.residual for channel in channels_of(u)]
+        return [channel.residual for channel in traces_of(u).channels()[which]]
 
     def along(direction: Array) -> list[Array]:
         """What a step along one parameter takes off every residual."""
@@ -100,7 +101,7 @@ def whitened(
         rows.append(channel.over_noise(parts)[:, 0] / jnp.exp(channel.log_sigma)[:, None, None])
     white = jnp.concatenate(rows, axis=-1)
     inside = jnp.concatenate([channel.noise.inside for channel in channels], axis=-1)
-    shared = white[:, 1:-size] * errors.sd[..., None]
+    shared = white[:, 1:-size] * traces.errors.sd[..., None]
     return Whitened(white[:, 0], white[:, -size:], shared, inside)
 
 

@@ -82,10 +82,8 @@ def remarks(diagnostics: Mapping[str, Any], without: Collection[Code] = ()) -> s
 
 def warned_codes(diagnostics: Mapping[str, Any]) -> list[Code]:
     """The entries that explain what a fit warns of, failed checks first, flags of recordings last."""
-    warned, flagged = (
-        [one.code for one in findings(diagnostics) if not one.passed],
-        diagnostics.get("recordings"),
-    )
+    warned = [one.code for one in findings(diagnostics) if not one.passed]
+    flagged = diagnostics.get("recordings")
     return list(dict.fromkeys([*warned, *([flagged["code"], *flagged["codes"]] if flagged else [])]))
 
 

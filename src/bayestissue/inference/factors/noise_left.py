@@ -27,8 +27,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.inference.points.whiteness import projected_portmanteau
-from bayestissue.likelihood.channels import Channel, whitened
-from bayestissue.likelihood.element.noise import Noise
+from bayestissue.likelihood.channels import whitened
 
 
 def noise_p(
@@ -70,11 +69,8 @@ def _left(
     if both:
         fitted = [*fitted, u.shape[1] - 1]
 
-    def channels_of(u: Array) -> list[Channel[Noise]]:
-        channels = impact_likelihood(model, data, list(u.T)).channels()
-        return channels[::-1] if both else channels[:1]
-
-    white = whitened(channels_of, u, impact_likelihood(model, data, list(u.T)).errors)
+    which = slice(None, None, -1) if both else slice(1)
+    white = whitened(lambda u: impact_likelihood(model, data, list(u.T)), u, which)
     rows = jnp.concatenate([white.left[:, None], white.slopes[:, jnp.array(fitted)]], axis=1)
     rows = jax.vmap(_without)(white.shared.swapaxes(1, 2), rows)
     return rows[:, 0], rows[:, 1:], white.inside

@@ -24,7 +24,7 @@ from bayestissue.hierarchy.traces import (
     with_contact_at,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly, padded
-from bayestissue.likelihood.channels import Channel, whitened
+from bayestissue.likelihood.channels import whitened
 
 NOISE, ELEMENT = "noise", "element"
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
@@ -60,9 +60,8 @@ def trace_errors(
     """
     slopes, shared = _over_noise(prepared.model, prepared.data, u)
     links = list(prepared.data.record.errors.values())
-    # A 1 stands for what tells of the noise alone.
-    names = [False, False, *(name in _OF_NOISE for name in prepared.model.nuisance)]
-    ridge = ridge + np.diag(np.array(names, float))
+    of_noise = [0.0, 0.0, *(float(name in _OF_NOISE) for name in prepared.model.nuisance)]
+    ridge = ridge + np.diag(of_noise)
     modes = shared.shape[1] - len(links)
     sources = [*links, *[ELEMENT] * modes]
     return by_source(slopes, np.roll(shared, -modes, axis=1), sources, ridge)
@@ -78,10 +77,7 @@ def _over_noise(
         stated = impact_likelihood(model, data, list(u.T))
         data = with_contact_at(data, stated, stated.mean_first_time())
 
-    def channels_of(u: Array) -> list[Channel]:
-        return trace_likelihood(model, data, list(u.T)).channels()
-
-    white = whitened(channels_of, u, trace_likelihood(model, data, list(u.T)).errors)
+    white = whitened(lambda u: trace_likelihood(model, data, list(u.T)), u)
     return white.slopes, white.shared
 
 
