@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 from evidence import recorded
 
-from bayestissue import runtime
+from bayestissue.base import runtime
 
 AT, ABOUT, POLL_S = (10, 100), 10, 0.4
 PEOPLE, MASSES = 25, (0.5, 0.8, 1.1, 1.4)
@@ -37,8 +37,8 @@ velocity_m_s = 1.5
 
 def drops() -> list[tuple[str, str]]:
     """Names and contents of enough files."""
-    from bayestissue.simulation.campaign import simulate
-    from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
+    from bayestissue.studies.simulation.campaign import simulate
+    from bayestissue.studies.simulation.specification import Condition, Design, Recording, Simulation, Tissue
 
     repeats = -(-(AT[-1] + ABOUT + 1) // (PEOPLE * len(MASSES)))
     spec = Simulation(
@@ -87,10 +87,10 @@ class Lines:
 
 def measured() -> pd.DataFrame:
     """Seconds of every drop, in its order."""
-    from bayestissue.bench.campaign import read_campaign
-    from bayestissue.bench.drops import Drops
-    from bayestissue.bench.order import Order
-    from bayestissue.bench.watching import Watch
+    from bayestissue.studies.bench.campaign import read_campaign
+    from bayestissue.studies.bench.drops import Drops
+    from bayestissue.studies.bench.order import Order
+    from bayestissue.studies.bench.watching import Watch
 
     rows, said = [], Lines()
     with tempfile.TemporaryDirectory() as scratch:

@@ -34,14 +34,14 @@ from coverage import campaign
 from evidence import recorded
 from numpyro.infer import Predictive
 
-from bayestissue import runtime
-from bayestissue.hierarchy.specification import Sampler, read_specification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import plain_model
+from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
-from bayestissue.likelihood.arma.displacement import displacement_record
-from bayestissue.likelihood.element.record import DecelerationRecord
-from bayestissue.simulation import simulate
+from bayestissue.model.hierarchy.specification import Sampler, read_specification
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.model.hierarchy.traces import plain_model
+from bayestissue.model.likelihood.arma.displacement import displacement_record
+from bayestissue.model.likelihood.element.record import DecelerationRecord
+from bayestissue.studies.simulation import simulate
 
 # A rank's standard deviation is known to 5 % of itself, that of all 40 quantities together to a percent.
 SAMPLES, RANKS, DATA_SETS = 110, 100, 80

@@ -45,14 +45,7 @@ from numpyro.distributions import biject_to
 from numpyro.infer import HMC
 from scipy.constants import g as standard_gravity
 
-from bayestissue import runtime
-from bayestissue.hierarchy.derived import effects_by_name, formula_quantities, level_quantities, new_impact
-from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.gaussian.arrangement import expected
-from bayestissue.hierarchy.gaussian.effects import SitesByCell, effects_from_standard
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel, hyperparameters_at, sites_by_cell
+from bayestissue.base import runtime
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
 from bayestissue.inference.answers.questions import ask, numbered
@@ -70,6 +63,18 @@ from bayestissue.inference.answers.study import Study
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.quantities.draws import drawn_from_prior
 from bayestissue.inference.results.labels import design_dimensions, labelled
+from bayestissue.model.hierarchy.derived import (
+    effects_by_name,
+    formula_quantities,
+    level_quantities,
+    new_impact,
+)
+from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.gaussian.arrangement import expected
+from bayestissue.model.hierarchy.gaussian.effects import SitesByCell, effects_from_standard
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import TraceModel, hyperparameters_at, sites_by_cell
 
 SEED = 2028
 DESIGN: dict[str, Any] = {

@@ -12,9 +12,9 @@ import time
 from evidence import recorded
 
 import bayestissue as bt
-from bayestissue.certificate import REFITS
-from bayestissue.resources import shared
-from bayestissue.runtime import configure
+from bayestissue.base.resources import shared
+from bayestissue.base.runtime import configure
+from bayestissue.studies.certificate import REFITS
 
 
 def main() -> None:

@@ -27,11 +27,11 @@ from coverage import KEPT, MEASURING_CHAIN, Fits, model_of, rows_of
 from evidence import recorded
 from evidence.references import TISSUES
 
-from bayestissue import runtime
-from bayestissue.elements import element
-from bayestissue.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.base import runtime
 from bayestissue.inference.quantities.secants import mass_exponents_of_secants
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.studies.simulation import Simulation, simulate
 
 # A share of 90 % is known to 9 % by 12 and to 4 % by all four cases together.
 CAMPAIGNS = {f"common_depth-{case}": 12 for case in ("stiffening", "hunt_crossley", "wall", "discrepancy")}

@@ -22,14 +22,14 @@ import xarray as xr
 from coverage import KEPT, Fits, campaign_of, model_of
 from evidence import recorded
 
-from bayestissue import runtime
-from bayestissue.elements import element_names
-from bayestissue.hierarchy.specification import Sampler
-from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.base import runtime
 from bayestissue.inference.comparing import OF_IMPACTS, compare_runs
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results.cross_validation import scheme_words
-from bayestissue.simulation import simulate
+from bayestissue.mechanics.elements import element_names
+from bayestissue.model.hierarchy.specification import Sampler
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.studies.simulation import simulate
 
 # Twelve of all elements together: a share of 90 % is known to 9 %.
 CAMPAIGNS = 2

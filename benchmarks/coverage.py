@@ -26,17 +26,17 @@ import pandas as pd
 from evidence import recorded
 from evidence.references import tissue_of
 
-from bayestissue import runtime
-from bayestissue.dataset import Dataset
-from bayestissue.elements import element
-from bayestissue.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
+from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.results.tree import predicted
-from bayestissue.signal import displacements
-from bayestissue.signal.displacement import FEWEST_SAMPLES, Displacements
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.specification import ModelSpecification, read_specification
+from bayestissue.model.hierarchy.trace_data import Prepared, assemble, prepare
+from bayestissue.recordings.dataset import Dataset
+from bayestissue.recordings.signal import displacements
+from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES, Displacements
+from bayestissue.studies.simulation import Simulation, simulate
 
 # A share of 90 % is known to 1.1 % by a likelihood's 800 impacts, and to 2.1 % by an element's 200.
 CAMPAIGNS = {"coverage_fit": 40, "coverage_elements": 10}

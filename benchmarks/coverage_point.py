@@ -20,9 +20,9 @@ from functools import partial
 import evidence
 import numpy as np
 
-from bayestissue import runtime
+from bayestissue.base import runtime
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.studies.simulation import Simulation, simulate
 
 IMPACTS, DAMPED, NOISY, SEED = 600, 600, 300, 2917
 type Row = dict[str, object]

@@ -14,11 +14,11 @@ from typing import Any
 import evidence
 import numpy as np
 
-from bayestissue import runtime
-from bayestissue.dataset.settings import STANDARD_GRAVITY
-from bayestissue.errors import Coded
+from bayestissue.base import runtime
+from bayestissue.base.errors import Coded
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY
+from bayestissue.studies.simulation import Simulation, simulate
 
 PEOPLE = 50
 MASSES_KG, HEIGHTS_M = (0.3, 0.5, 0.7, 0.9, 1.2), (0.03, 0.06, 0.09, 0.12)

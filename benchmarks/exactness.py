@@ -26,13 +26,13 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 from statsmodels.tsa.arima.model import ARIMA
 from statsmodels.tsa.arima_process import arma_acovf
 
-from bayestissue.elements import element, element_names, impact
-from bayestissue.likelihood import arma21_log_likelihood
-from bayestissue.likelihood.arma.displacement import MeasuredDisplacement, displacement_record
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.oscillator import to_discrete
-from bayestissue.runtime import configure
+from bayestissue.base.runtime import configure
+from bayestissue.mechanics.elements import element, element_names, impact
+from bayestissue.mechanics.oscillator import to_discrete
+from bayestissue.model.likelihood import arma21_log_likelihood
+from bayestissue.model.likelihood.arma.displacement import MeasuredDisplacement, displacement_record
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests" / "elements"))

@@ -4,7 +4,7 @@
 
 Every contender samples the posterior of `models/arma.toml` on `data/example`, one after the other on one
 core. What counts is the least bulk effective sample size over the standard deviations, the population (b of
-`bayestissue.hierarchy.population`) and K and C of every impact. See README.md for what each one is.
+`bayestissue.model.hierarchy.population`) and K and C of every impact. See README.md for what each one is.
 nutpie's low-rank adaptation is no contender: in an earlier version it got stuck (9 effective draws in 142 s).
 """
 
@@ -26,16 +26,16 @@ from numpyro.infer import NUTS
 from numpyro.infer.util import initialize_model
 from plain_hierarchy import check_density, cholesky_factor, plain
 
-from bayestissue import runtime
-from bayestissue.dataset import read_dataset
-from bayestissue.hierarchy.gaussian.arrangement import expected
-from bayestissue.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import hyperparameters_at, trace_likelihood
+from bayestissue.base import runtime
+from bayestissue.base.resources import shared
 from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import draws_of_chain, sample
-from bayestissue.resources import shared
+from bayestissue.model.hierarchy.gaussian.arrangement import expected
+from bayestissue.model.hierarchy.specification import ModelSpecification, read_specification
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.model.hierarchy.traces import hyperparameters_at, trace_likelihood
+from bayestissue.recordings.dataset import read_dataset
 
 SEED = 1
 # A plain chain's first transitions, whose draws are not counted: fewer than usual, so that some are left.

@@ -32,9 +32,9 @@ from coverage import FILES, ROOT
 from evidence import recorded
 from evidence.references import TISSUES as OF_ELEMENTS
 
-from bayestissue.elements import element, element_names
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE
-from bayestissue.simulation import Simulation, simulate, write_campaign
+from bayestissue.mechanics.elements import element, element_names
+from bayestissue.model.hierarchy.specification import SIDE_BY_SIDE
+from bayestissue.studies.simulation import Simulation, simulate, write_campaign
 
 EXAMPLE = ROOT / "data" / "example"
 TISSUES = ("example", "own")

@@ -23,10 +23,10 @@ from typing import Any
 import pandas as pd
 from coverage import MEASURING_CHAIN, campaign_of, model_of
 
-from bayestissue import runtime
-from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.base import runtime
 from bayestissue.inference.fit import fit_traces
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.studies.simulation import Simulation, simulate
 
 SEEDS, CAMPAIGNS = 12, 15
 # People, and masses that each is hit with, kg.

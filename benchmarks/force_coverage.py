@@ -22,9 +22,9 @@ import pandas as pd
 from scipy.stats import gmean
 from studies import Fitted, Interval, counted, ends, fitted, sides
 
-from bayestissue.dataset.settings import Uncertainty
 from bayestissue.inference.checking.masses import judge_force
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.studies.simulation import Simulation, simulate
 
 MASSES_KG, VELOCITY = (0.5, 0.7, 0.9, 1.2), 1.4
 MASS_SD, GAIN_SD, FORCE_GAIN_SD, VELOCITY_SD = 0.05, 0.005, 0.01, 0.005

@@ -19,9 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from evidence import recorded
 
-from bayestissue.likelihood.arma.displacement import MeasuredDisplacement, displacement_record
-from bayestissue.oscillator import impact_motion, to_differences
-from bayestissue.runtime import configure
+from bayestissue.base.runtime import configure
+from bayestissue.mechanics.oscillator import impact_motion, to_differences
+from bayestissue.model.likelihood.arma.displacement import MeasuredDisplacement, displacement_record
 
 IMPACTS, SIZES, ROUNDS = 90, (256, 1024, 4096), 10
 # A contender slower than this a call is timed fewer times.

@@ -18,13 +18,13 @@ import pandas as pd
 from coverage import MEASURING_CHAIN
 from evidence import recorded
 
-from bayestissue import runtime
-from bayestissue.dataset import Dataset, Trace
-from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.base import runtime
 from bayestissue.inference.checking.incredible import RATE, alarms
 from bayestissue.inference.checking.measuring_chain import AMPLITUDE, JUDGED, freed
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.recordings.dataset import Dataset, Trace
+from bayestissue.studies.simulation import Simulation, simulate
 
 # One right set in 200 may alarm: of 300 by each likelihood at most eight then do, with a probability of 99 %.
 SETS, RIGHT_SETS, PEOPLE = 40, 300, 4

@@ -17,11 +17,11 @@ import pandas as pd
 from coverage import KEPT, Fits, campaign_of, model_of, residuals_of, rows_of
 from evidence import recorded
 
-from bayestissue import runtime
-from bayestissue.dataset import Dataset
-from bayestissue.hierarchy.specification import Sampler
+from bayestissue.base import runtime
 from bayestissue.inference.checking.model_form import LIMIT, pooled_score
-from bayestissue.simulation import simulate
+from bayestissue.model.hierarchy.specification import Sampler
+from bayestissue.recordings.dataset import Dataset
+from bayestissue.studies.simulation import simulate
 
 # Thirty right ones without an alarm have a rate below 10 %; a warning that is always raised takes fewer.
 CAMPAIGNS = {"stiffening": 10, "kelvin_voigt": 30}

@@ -22,10 +22,10 @@ import pandas as pd
 from studies import Fitted, Interval, counted, ends, fitted, of_draws, sides
 
 import bayestissue as bt
-from bayestissue.dataset.settings import Uncertainty
 from bayestissue.inference.checking.masses import judge_added_mass
 from bayestissue.inference.quantities.draws import prior_draws
-from bayestissue.simulation import Campaign, Simulation, simulate
+from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.studies.simulation import Campaign, Simulation, simulate
 
 KINDS = ("force", "velocity", "neither")
 MASSES_KG, VELOCITY = (0.5, 1.0), 1.5

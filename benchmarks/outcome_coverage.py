@@ -34,10 +34,7 @@ from evidence.families.outcomes import reliability, shares
 from evidence.references import TISSUES
 from scipy.integrate import solve_ivp
 
-from bayestissue import runtime
-from bayestissue.elements import element
-from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.base import runtime
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ranked
@@ -47,8 +44,11 @@ from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
 from bayestissue.inference.results.tree import dimensions
 from bayestissue.inference.samplers.sampling import interval, quantiles
-from bayestissue.simulation import Simulation, simulate
-from bayestissue.simulation.campaign import Campaign
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.studies.simulation import Simulation, simulate
+from bayestissue.studies.simulation.campaign import Campaign
 
 # A share of 90 % of the levels is known to about 1 % by so many studies of four of them, to 3 % by 20.
 STUDIES = 200

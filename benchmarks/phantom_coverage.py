@@ -22,9 +22,9 @@ import pandas as pd
 from studies import Interval, counted, ends, fitted, sides
 
 import bayestissue as bt
-from bayestissue.dataset.impacts import REFERENCE
-from bayestissue.dataset.settings import Uncertainty
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.recordings.dataset.impacts import REFERENCE
+from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.studies.simulation import Simulation, simulate
 
 MASSES_KG, VELOCITY, OFF = (0.5, 1.0), 1.4, 1.06
 DECLARED = Uncertainty(relative_mass_sd=0.05, velocity_sd_m_s=0.005, relative_gain_sd=0.05, offset_sd=0.0)

@@ -32,24 +32,24 @@ import xarray as xr
 from evidence import recorded
 
 import bayestissue as bt
-from bayestissue import runtime
-from bayestissue.dataset.model import Dataset
-from bayestissue.fitting import resolve
-from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.base import runtime
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.study import Study as Asked
-from bayestissue.planning.assurance import Goal, planner
-from bayestissue.planning.information import simulation_of
-from bayestissue.planning.model import planned_model
-from bayestissue.planning.population import BLOCK, Beliefs, Pilot, Population, Streams
-from bayestissue.planning.posterior import PlannedSites, posteriors
-from bayestissue.planning.running import Running, RunningPrior, running_study
-from bayestissue.planning.specification import read_plan
-from bayestissue.planning.studies import arrangements
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.model.hierarchy.design import build_design
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.studies.fitting import resolve
+from bayestissue.studies.planning.assurance import Goal, planner
+from bayestissue.studies.planning.information import simulation_of
+from bayestissue.studies.planning.model import planned_model
+from bayestissue.studies.planning.population import BLOCK, Beliefs, Pilot, Population, Streams
+from bayestissue.studies.planning.posterior import PlannedSites, posteriors
+from bayestissue.studies.planning.running import Running, RunningPrior, running_study
+from bayestissue.studies.planning.specification import read_plan
+from bayestissue.studies.planning.studies import arrangements
+from bayestissue.studies.simulation import Simulation, simulate
 
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "benchmarks" / "plan_after.csv"

@@ -29,14 +29,14 @@ from numpyro.infer import MCMC, NUTS, init_to_value
 from studies import of_draws
 
 import bayestissue as bt
-from bayestissue import runtime
-from bayestissue.fitting import resolve
-from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared, named_model, prepare
+from bayestissue.base import runtime
+from bayestissue.base.resources import shared
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.inference.results.summary import summarise
-from bayestissue.resources import shared
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.trace_data import Prepared, named_model, prepare
+from bayestissue.studies.fitting import resolve
 
 TABLE = Path(__file__).with_suffix(".csv")
 CHAINS, WARMUP, DRAWS, SEED = 4, 1000, 2500, 33

@@ -15,9 +15,9 @@ from pathlib import Path
 
 from evidence import recorded
 
-from bayestissue.likelihood import arma21_log_likelihood
-from bayestissue.runtime import configure
-from bayestissue.selftest.published import PUBLISHED
+from bayestissue.base.runtime import configure
+from bayestissue.model.likelihood import arma21_log_likelihood
+from bayestissue.studies.selftest.published import PUBLISHED
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests" / "likelihood"))

@@ -23,12 +23,12 @@ from sound import TISSUES, dataset
 from sound import impacts as different
 from spoiling import sound_ones
 
-from bayestissue import runtime
-from bayestissue.dataset import Dataset, Trace
+from bayestissue.base import runtime
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.signal import displacements
-from bayestissue.signal.quality.law import suspected
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.recordings.dataset import Dataset, Trace
+from bayestissue.recordings.signal import displacements
+from bayestissue.recordings.signal.quality.law import suspected
+from bayestissue.studies.simulation import Simulation, simulate
 
 IMPACTS = 96
 SOUND_ONES = 1000

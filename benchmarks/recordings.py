@@ -16,7 +16,7 @@ from typing import Any
 from evidence import recorded
 
 import bayestissue as bt
-from bayestissue import runtime
+from bayestissue.base import runtime
 from bayestissue.inference.checking.model_form import SMALL_P
 
 

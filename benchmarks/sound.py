@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayestissue.dataset import Dataset, Trace
-from bayestissue.dataset.settings import Quantity, Settings, SignalSettings
-from bayestissue.simulation.campaign import leaves, simulate
-from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
+from bayestissue.recordings.dataset import Dataset, Trace
+from bayestissue.recordings.dataset.settings import Quantity, Settings, SignalSettings
+from bayestissue.studies.simulation.campaign import leaves, simulate
+from bayestissue.studies.simulation.specification import Condition, Design, Recording, Simulation, Tissue
 
 FINE_HZ = 20_000.0
 REST_S = 0.04
@@ -80,7 +80,7 @@ class Chain:
 def impacts(count: int, seed: int = 0, elements: Sequence[str] = tuple(TISSUES)) -> list[Impact]:
     """Different impacts, 5 to 60 ms from contact to zero velocity, shuffled.
 
-    Needs float64 (`bayestissue.runtime.configure`).
+    Needs float64 (`bayestissue.base.runtime.configure`).
 
     Args:
         count: how many.

@@ -17,11 +17,11 @@ from coverage import KEPT, Fits, model_of, residuals_of
 from evidence import recorded
 
 import bayestissue as bt
-from bayestissue import runtime
-from bayestissue.hierarchy.specification import Sampler
+from bayestissue.base import runtime
 from bayestissue.inference.checking.model_form import SMALL_P, judged, with_impacts
 from bayestissue.inference.factors.noise_left import noise_p
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.model.hierarchy.specification import Sampler
+from bayestissue.studies.simulation import Simulation, simulate
 
 DATASETS, IMPACTS, FIRST_SEED = 40, 4000, 50_000
 # The unit of the impacts that are estimated, not fitted.

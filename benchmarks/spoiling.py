@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 from sound import FINE_HZ, Chain, Impact, chain, dataset
 
-from bayestissue.dataset import Dataset, Trace
-from bayestissue.dataset.checks import check_recordings
-from bayestissue.dataset.recordings import Recordings, Samples
-from bayestissue.dataset.settings import Quantity
-from bayestissue.errors import Coded
+from bayestissue.base.errors import Coded
 from bayestissue.inference.single.estimates import estimate
+from bayestissue.recordings.dataset import Dataset, Trace
+from bayestissue.recordings.dataset.checks import check_recordings
+from bayestissue.recordings.dataset.recordings import Recordings, Samples
+from bayestissue.recordings.dataset.settings import Quantity
 
 type Stage = Callable[[np.ndarray, np.ndarray], np.ndarray]
 type Spoiling = Callable[[Impact, Chain, np.random.Generator], Trace]

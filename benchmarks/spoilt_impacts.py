@@ -20,7 +20,7 @@ import sound
 from evidence import recorded
 from spoiling import KINDS, judged, sound_ones, spoilt_ones
 
-from bayestissue import runtime
+from bayestissue.base import runtime
 
 SOUND, SPOILT = 1000, 100
 

@@ -36,17 +36,17 @@ STAGES = {
         *("contrasts_table", "coefficients", "as_variables", "reliability"),
         *("levels_table", "loops_table", "curves_table"),
     ),
-    "fitting": ("judge", "agreement"),
-    "results": ("write_table", "write_tree"),
-    "report.fit.page": ("page_of", "render_page"),
-    "report.fit.study": ("contrasts_table", "reliability_table", "prior_words"),
-    "report.page": ("drawn",),
+    "studies.fitting": ("judge", "agreement"),
+    "base.results": ("write_table", "write_tree"),
+    "reports.pages.fit.page": ("page_of", "render_page"),
+    "reports.pages.fit.study": ("contrasts_table", "reliability_table", "prior_words"),
+    "reports.pages.page": ("drawn",),
 }
 # What a study asks of a fit: comparisons, reliability, agreement of methods, and their part of a page.
 STUDY = (
     *("coefficients", "as_variables", "reliability", "agreement"),
     # The name of contrasts' table is that of its part of a page too.
-    *STAGES["report.fit.study"],
+    *STAGES["reports.pages.fit.study"],
 )
 spent: dict[str, float] = {}
 with_all_within: dict[str, float] = {}
@@ -89,8 +89,8 @@ def _time_imports() -> None:
 
 def _time_stages() -> None:
     """Wherever a stage's function has been imported to, the timed one takes its place."""
-    import bayestissue.fitting
-    import bayestissue.report.fit.page  # noqa: F401
+    import bayestissue.reports.pages.fit.page
+    import bayestissue.studies.fitting  # noqa: F401
     from bayestissue.inference.chain.run import Chains
 
     # Of all threads together.
@@ -109,7 +109,7 @@ def _time_stages() -> None:
 def main(dataset: str = "data/example", model: str = "models/impact.toml") -> None:
     """Fit, and print what each stage took."""
     _time_imports()
-    from bayestissue import runtime
+    from bayestissue.base import runtime
 
     runtime.keep_compiled()
     runtime.configure()

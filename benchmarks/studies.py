@@ -15,14 +15,14 @@ from evidence import recorded
 from evidence.families.outcomes import shares
 
 import bayestissue as bt
-from bayestissue import runtime
-from bayestissue.fitting import resolve
-from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.inference.quantities.draws import Draws, quantities
 from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.tree import dimensions
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.studies.fitting import resolve
 
 LEVEL = 0.9
 # Of the chains: four of so many draws know an end of an interval to a hundredth of probability.

@@ -18,12 +18,12 @@ import jax
 import jax.numpy as jnp
 from evidence import recorded
 
-from bayestissue.dataset import read_dataset
-from bayestissue.hierarchy.specification import read_specification
-from bayestissue.hierarchy.trace_data import prepare
-from bayestissue.hierarchy.traces import Kind, trace_likelihood
+from bayestissue.base.runtime import configure
 from bayestissue.inference.factors.expansions import first_guess
-from bayestissue.runtime import configure
+from bayestissue.model.hierarchy.specification import read_specification
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.model.hierarchy.traces import Kind, trace_likelihood
+from bayestissue.recordings.dataset import read_dataset
 
 LIKELIHOODS: tuple[Kind, ...] = ("arma", "a2", "impact")
 ROUNDS, BURST = 100, 10

@@ -26,7 +26,7 @@ import pandas as pd
 from numpyro.infer import MCMC, NUTS
 
 import bayestissue as bt
-from bayestissue.resources import shared
+from bayestissue.base.resources import shared
 
 # The likelihoods need double precision.
 numpyro.enable_x64()

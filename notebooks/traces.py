@@ -32,10 +32,10 @@ import numpy as np
 import pandas as pd
 
 import bayestissue as bt
-from bayestissue.hierarchy.specification import read_specification
-from bayestissue.resources import shared
-from bayestissue.signal import displacements
-from bayestissue.signal.quality import inspect, raised
+from bayestissue.model.hierarchy.specification import read_specification
+from bayestissue.base.resources import shared
+from bayestissue.recordings.signal import displacements
+from bayestissue.recordings.signal.quality import inspect, raised
 
 az.style.use("arviz-variat")
 dataset = bt.read_dataset(os.environ.get("BAYESTISSUE_DATASET", shared("data", "example")))

@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import Population
-from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.base.padding import padded_impacts
 from bayestissue.inference.chain.results import ChainDraws, constrained
 from bayestissue.inference.chain.target import Target
-from bayestissue.padding import padded_impacts
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.population import Population
+from bayestissue.model.hierarchy.trace_data import Prepared
 
 
 def chain_of_sites(

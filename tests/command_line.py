@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from bayestissue import cli, runtime
+from bayestissue import cli
+from bayestissue.base import runtime
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import made_once
-from bayestissue import runtime
+from bayestissue.base import runtime
 
 # Also the smallest: reading one takes a quarter of the time that compiling it does. JAX by itself would look
 # through all of them whenever it keeps one more.

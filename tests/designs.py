@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.hierarchy.design import Design, build_design
-from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.hierarchy.specification import Formulas
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.study import Study
+from bayestissue.model.hierarchy.design import Design, build_design
+from bayestissue.model.hierarchy.recorded import Recorded
+from bayestissue.model.hierarchy.specification import Formulas
 
 REFERENCE = 0.8
 EVERYTHING = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session) + (1|operator)"

@@ -15,12 +15,12 @@ from jax.scipy.special import logsumexp
 from numpyro import handlers
 from numpyro.distributions import biject_to
 
-from bayestissue.dataset.arrays import dataset
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import impacts_model
 from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.target import FIELDS, Target
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.model.hierarchy.traces import impacts_model
+from bayestissue.recordings.dataset.arrays import dataset
 
 # Standard deviations with which a trace tells log K, log C, the noise and the log of a mass that moves along.
 TOLD = np.array([0.1, 0.3, 0.2, 0.4])
@@ -67,7 +67,7 @@ def prepared(K: str, table: dict[str, Any], **model: Any) -> Prepared:
     uncertainty = {"relative_mass_sd": 0.2}
     stated = {"uncertainty": uncertainty, "contact": "between"}
     data = dataset(rows, traces, quantity="deceleration", unit="m/s^2", **stated)
-    from bayestissue.fitting import resolve
+    from bayestissue.studies.fitting import resolve
 
     content = {"likelihood": "impact", "formula": {"K": K, "C": K}, **model}
     specification, source = resolve(content)

@@ -12,17 +12,17 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.base.results.tables import table_of_rows
+from bayestissue.base.runtime import FORMAT
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.quantities.together import comparable_draws
-from bayestissue.report.fit.run import FitRun
-from bayestissue.report.run_folder import read_about
-from bayestissue.results.tables import table_of_rows
-from bayestissue.runtime import FORMAT
+from bayestissue.model.hierarchy.recorded import Recorded
+from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.run_folder import read_about
 from made_once import made_once
 from tree_file import write_tree
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.runtime import FORMAT
+from bayestissue.base.runtime import FORMAT
 from made_once import made_once
 
 CHAINS, DRAWS = 2, 150

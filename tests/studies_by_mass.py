@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset import Dataset, Trace
-from bayestissue.hierarchy.specification import Formulas, MassError, ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.oscillator import impact_motion
+from bayestissue.mechanics.oscillator import impact_motion
+from bayestissue.model.hierarchy.specification import Formulas, MassError, ModelSpecification
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.recordings.dataset import Dataset, Trace
 from dataset_bench import settings_of
 
 

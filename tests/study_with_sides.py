@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayestissue.hierarchy import derived
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
+from bayestissue.model.hierarchy import derived
 from designs import design_of, impacts
 
 SHAPE = (2, 100)

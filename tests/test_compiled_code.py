@@ -9,7 +9,7 @@ from pathlib import Path
 import jax
 import pytest
 
-from bayestissue import runtime
+from bayestissue.base import runtime
 
 HASH = "0123456789abcdef" * 4
 

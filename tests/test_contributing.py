@@ -21,20 +21,20 @@ RECIPE = re.compile(r"^ *<!-- recipe: (\S+) -->\n *```(python|diff)\n(.*?)^ *```
 TRIED = """
 import numpy as np
 
-from bayestissue.elements.element import complete, deceleration_of
-from bayestissue.elements.registry import element
+from bayestissue.mechanics.elements.element import complete, deceleration_of
+from bayestissue.mechanics.elements.registry import element
 found = element("depth_damped")
 p = complete(found, {"K": 3000.0, "C": 20.0, "damping_depth_m": 0.01}, None)
 y = np.array([0.01, 1.0])
 print("element", found.name, round(float(deceleration_of(found, p, 2.0, y)), 6))
 
-from bayestissue.dataset.formats import FORMATS
+from bayestissue.recordings.dataset.formats import FORMATS
 read = FORMATS[".f64"].read(np.array([1000.0, 0.0, 5.0, 1.0]).tobytes(), "a.f64").channels["signal"]
 print("format", read.values.tolist(), read.clock.tolist())
 
 import bayestissue as bt
 from bayestissue.commands.texts import explain
-from bayestissue.signal.quality import inspect, raised
+from bayestissue.recordings.signal.quality import inspect, raised
 time = np.arange(400) / 1e4
 pulse = 0.5 * np.exp(-(((time - 0.02) / 0.004) ** 2)) + np.random.default_rng(0).normal(0, 1e-3, time.size)
 impacts = {"impact": ["i"], "subject": ["s"], "mass_kg": [1.0], "velocity_m_s": [0.003]}
@@ -44,7 +44,7 @@ print("check", inspect(data)["too-quiet"], codes["a peak below 1 m/s²"])
 explain(["too-quiet"], as_json=False)
 
 from types import SimpleNamespace
-from bayestissue.elements import Outcomes
+from bayestissue.mechanics.elements import Outcomes
 from bayestissue.inference.quantities.impacts import QUANTITIES
 from bayestissue.inference.results.labels import element_attributes
 out = Outcomes(*(None for _ in Outcomes._fields))._replace(mass=2.0, velocity=1.5)
@@ -120,7 +120,7 @@ def test_recipes_work_again_for_another_name(copied: Path) -> None:
     for name, other in ANOTHER.items():
         guide = guide.replace(name, other)
     followed(copied / "src", guide)
-    formats = (copied / "src/bayestissue/dataset/formats/__init__.py").read_text(encoding="utf-8")
+    formats = (copied / "src/bayestissue/recordings/dataset/formats/__init__.py").read_text(encoding="utf-8")
     for name in ("plainfloat", "shortfloat"):
         assert formats.count(f"    {name},") == formats.count(f"*{name}.FORMATS,") == 1
 

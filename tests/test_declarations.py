@@ -2,7 +2,7 @@
 
 import pytest
 
-from bayestissue.declarations import filled, general
+from bayestissue.base.declarations import filled, general
 
 
 @pytest.mark.parametrize(

@@ -24,8 +24,8 @@ from evidence.registry import Piece  # noqa: E402
 from evidence.summary import figure  # noqa: E402
 from evidence.texts import Figure  # noqa: E402
 
-from bayestissue.signal import displacements  # noqa: E402
-from bayestissue.simulation import simulate  # noqa: E402
+from bayestissue.recordings.signal import displacements  # noqa: E402
+from bayestissue.studies.simulation import simulate  # noqa: E402
 
 PIECES = list(registry.pieces().values())
 # What every script may use without speaking of it: where things lie, and how numbers are held.

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from bayestissue import fitting
-from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference import fit as inference
 from bayestissue.inference.chain import moves
-from bayestissue.report import wording
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.reports.pages import wording
+from bayestissue.studies import fitting
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from evidence import references

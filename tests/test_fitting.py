@@ -14,16 +14,16 @@ import xarray as xr
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayestissue as bt
-from bayestissue import fitting
-from bayestissue.fitting import FitJob, resolve
-from bayestissue.hierarchy.specification import Sampler, read_specification
-from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.base.resources import shared
 from bayestissue.inference.checking.findings import ELEMENT_ALONE, Finding, of_element_alone
 from bayestissue.inference.fit import TraceAnalysis
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.report.fit.run import TABLES
-from bayestissue.resources import shared
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.model.hierarchy.specification import Sampler, read_specification
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.reports.pages.fit.run import TABLES
+from bayestissue.studies import fitting
+from bayestissue.studies.fitting import FitJob, resolve
+from bayestissue.studies.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
 from make_fit_run import make_fit_run
 

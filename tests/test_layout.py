@@ -11,7 +11,7 @@ import pytest
 import bayestissue
 
 SOURCE = Path(bayestissue.__file__).parent
-LARGE = ("inference", "hierarchy", "likelihood")
+LARGE = ("inference", "model.hierarchy", "model.likelihood")
 # The rooms of inference, floor by floor: each may import those of the floors before its own.
 ROOMS = (
     ("execution",),
@@ -27,7 +27,7 @@ ROOMS = (
 
 def modules(package: str) -> dict[str, Path]:
     found = {}
-    for path in sorted((SOURCE / package).rglob("*.py")):
+    for path in sorted((SOURCE / package.replace(".", "/")).rglob("*.py")):
         parts = path.relative_to(SOURCE).with_suffix("").parts
         found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found

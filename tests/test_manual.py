@@ -16,18 +16,18 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import bayestissue as bt
-from bayestissue.bench.campaign import CampaignSpecification
+from bayestissue.base.results.tables import declared_files
+from bayestissue.base.settings import _table_in
 from bayestissue.cli import app
-from bayestissue.dataset.impacts import COLUMNS, RESERVED
-from bayestissue.dataset.settings import Settings
-from bayestissue.hierarchy.priors import Pair, _Prior
-from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS, element_attributes
-from bayestissue.planning.population import Known
-from bayestissue.planning.specification import PlanSpecification
-from bayestissue.results.tables import declared_files
-from bayestissue.settings import _table_in
-from bayestissue.simulation.specification import Simulation
+from bayestissue.model.hierarchy.priors import Pair, _Prior
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.recordings.dataset.impacts import COLUMNS, RESERVED
+from bayestissue.recordings.dataset.settings import Settings
+from bayestissue.studies.bench.campaign import CampaignSpecification
+from bayestissue.studies.planning.population import Known
+from bayestissue.studies.planning.specification import PlanSpecification
+from bayestissue.studies.simulation.specification import Simulation
 
 pytestmark = pytest.mark.slow
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import bayestissue as bt
-from bayestissue.report.wording import estimated
-from bayestissue.resources import shared
+from bayestissue.base.resources import shared
+from bayestissue.reports.pages.wording import estimated
 
 UNCERTAINTY = {"relative_mass_sd": 0.005, "velocity_sd_m_s": 0.01}
 

@@ -20,9 +20,10 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue import cli, fitting
-from bayestissue.dataset import write_dataset
-from bayestissue.resources import shared
+from bayestissue import cli
+from bayestissue.base.resources import shared
+from bayestissue.recordings.dataset import write_dataset
+from bayestissue.studies import fitting
 
 pytestmark = pytest.mark.slow
 

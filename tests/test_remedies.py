@@ -16,12 +16,12 @@ import pytest
 
 import bayestissue
 from bayestissue import cli
+from bayestissue.base.errors import Coded, InputError, Problem, more
+from bayestissue.base.remedies import codes_in, entries, flags, headlines, messages, sentences
 from bayestissue.commands.texts import explain
-from bayestissue.errors import Coded, InputError, Problem, more
-from bayestissue.hierarchy.combinations import COMBINATIONS
 from bayestissue.inference.checking.findings import Finding, warned_codes, warnings
 from bayestissue.inference.checking.recordings import flagged_recordings
-from bayestissue.remedies import codes_in, entries, flags, headlines, messages, sentences
+from bayestissue.model.hierarchy.combinations import COMBINATIONS
 
 SOURCE = Path(bayestissue.__file__).parent
 ROOT = SOURCE.parents[1]

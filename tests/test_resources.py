@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from bayestissue import fitting
+from bayestissue.base.errors import InputError
+from bayestissue.base.resources import model_content, model_file, model_text, shared
 from bayestissue.commands import texts
-from bayestissue.errors import InputError
-from bayestissue.resources import model_content, model_file, model_text, shared
+from bayestissue.studies import fitting
 
 
 @pytest.fixture(autouse=True)

@@ -3,11 +3,11 @@
 import pytest
 
 from bayestissue import cli
+from bayestissue.base.errors import InputError
+from bayestissue.base.remedies import retired
+from bayestissue.base.resources import model_file, with_base
+from bayestissue.base.settings import Table, checked
 from bayestissue.commands.texts import explain
-from bayestissue.errors import InputError
-from bayestissue.remedies import retired
-from bayestissue.resources import model_file, with_base
-from bayestissue.settings import Table, checked
 
 
 class Inner(Table):

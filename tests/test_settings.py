@@ -7,8 +7,8 @@ from typing import Annotated
 import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
-from bayestissue.errors import InputError
-from bayestissue.settings import checked
+from bayestissue.base.errors import InputError
+from bayestissue.base.settings import checked
 
 
 class Condition(BaseModel):

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from bayestissue.errors import more
-from bayestissue.results import claim
+from bayestissue.base.errors import more
+from bayestissue.base.results import claim
 
 MORE = f"{more(['interrupted'])}\n"
 BEGINS = """
 import gc, sys, time
 from pathlib import Path
 from bayestissue import __main__, cli
-from bayestissue.result import after_results
-from bayestissue.results import claim
-from bayestissue.runtime import quieten_libraries, worker_pool
+from bayestissue.base.result import after_results
+from bayestissue.base.results import claim
+from bayestissue.base.runtime import quieten_libraries, worker_pool
 
 def main(command):
     if __name__ == "__main__":

@@ -6,12 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.errors import InputError
-from bayestissue.finished import Fit, read_run
-from bayestissue.report import write_report
-from bayestissue.report.fit.run import TABLES
-from bayestissue.report.tables import declared_fields
-from bayestissue.results.tables import (
+from bayestissue.base.errors import InputError
+from bayestissue.base.results.tables import (
     declared_files,
     read_table,
     read_tables,
@@ -19,6 +15,10 @@ from bayestissue.results.tables import (
     typed,
     write_table,
 )
+from bayestissue.reports.pages import write_report
+from bayestissue.reports.pages.fit.run import TABLES
+from bayestissue.reports.pages.tables import declared_fields
+from bayestissue.studies.finished import Fit, read_run
 from make_fit_run import make_fit_run
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from bayestissue.dataset import read_dataset
+from bayestissue.recordings.dataset import read_dataset
 
 ROOT = Path(__file__).resolve().parents[1]
 # Of declared libraries, which come with these and hand out what is in them.
@@ -61,7 +61,7 @@ def test_the_wheel_holds_every_file_that_the_program_reads(wheel: Path) -> None:
     assert {name for name, path in expected.items() if held.get(name) != path.read_bytes()} == set()
     kinds = {Path(name).suffix for name in expected}
     assert {".toml", ".html", ".css", ".csv", ".py"} <= kinds
-    assert "bayestissue/remedies/remedies.toml" in held
+    assert "bayestissue/base/remedies/remedies.toml" in held
 
 
 def sources() -> list[Path]:

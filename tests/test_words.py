@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bayestissue.words import PLAIN, Words
+from bayestissue.base.words import PLAIN, Words
 
 PADS = Words({"subject": "pad", "impact": "drop"})
 

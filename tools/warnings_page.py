@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
-from bayestissue.remedies import Remedy, entries
+from bayestissue.base.remedies import Remedy, entries
 
 PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "warnings.md"
 _HEAD = """\
-<!-- Written by tools/warnings_page.py from src/bayestissue/remedies/remedies.toml: change that file. -->
+<!-- Written by tools/warnings_page.py from src/bayestissue/base/remedies/remedies.toml: change that file. -->
 # What to do about a warning or an error
 
 A message ends with a code in brackets, such as `[clipped]`, or with a line such as

@@ -21,7 +21,7 @@ def check_numbers(names: list[str], *, accept: bool = False) -> int:
     With ``accept`` what differs is written as the program's numbers from now on, and the evidence that rests
     on it is to be measured again; where nothing differs, nothing is written.
     """
-    from bayestissue import runtime
+    from bayestissue.base import runtime
 
     begun, wrong = time.monotonic(), {}
     runtime.keep_compiled()

@@ -60,14 +60,14 @@ TISSUES: dict[str, dict[str, Any]] = {
 
 def tissue_of(element: str) -> dict[str, Any]:
     """What a simulation says of tissue of an element: as above, or typical parameters."""
-    from bayestissue.elements import element as named
+    from bayestissue.mechanics.elements import element as named
 
     return TISSUES.get(element) or {"parameters": {one.name: one.typical for one in named(element).extra}}
 
 
 def campaign(element: str, seed: int, force: dict[str, Any] | None = None) -> Any:
     """Three people, both sides, three masses: 18 impacts at 5 kHz, of a ``force`` too if one is given."""
-    from bayestissue.simulation import Simulation, simulate
+    from bayestissue.studies.simulation import Simulation, simulate
 
     masses = {"a": (0.4, 1.5), "b": (0.7, 1.2), "c": (1.2, 0.9)}
     tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "mass_exponent_K": 0.3, "element": element}

@@ -128,7 +128,7 @@ def fill_pages() -> None:
 
 
 def _python(*arguments: str, **variables: str) -> int:
-    from bayestissue import runtime
+    from bayestissue.base import runtime
 
     paths = [str(ROOT / "src"), str(BENCHMARKS), os.environ.get("PYTHONPATH", "")]
     # What one piece has compiled is read by the next.

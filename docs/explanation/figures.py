@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 
 import bayestissue as bt
-from bayestissue import elements, runtime
+from bayestissue.base import runtime
+from bayestissue.mechanics import elements
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]

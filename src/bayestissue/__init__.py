@@ -13,38 +13,38 @@ if TYPE_CHECKING:
     from typing import Any
 
 _PUBLIC: dict[str, str] = {
-    "Dataset": "bayestissue.dataset",
-    "dataset": "bayestissue.dataset",
-    "read_dataset": "bayestissue.dataset",
-    "init_dataset": "bayestissue.intake",
-    "Certificate": "bayestissue.certificate.certificate",
-    "Check": "bayestissue.checking",
-    "Comparison": "bayestissue.comparing",
-    "Estimates": "bayestissue.report.estimates_page",
-    "Fit": "bayestissue.finished",
-    "Impact": "bayestissue.one_impact",
-    "InputError": "bayestissue.errors",
-    "Plan": "bayestissue.planning.plan",
-    "Problem": "bayestissue.errors",
-    "read_run": "bayestissue.finished",
+    "Dataset": "bayestissue.recordings.dataset",
+    "dataset": "bayestissue.recordings.dataset.arrays",
+    "read_dataset": "bayestissue.recordings.dataset",
+    "init_dataset": "bayestissue.studies.init",
+    "Certificate": "bayestissue.studies.certificate.certificate",
+    "Check": "bayestissue.studies.checking",
+    "Comparison": "bayestissue.studies.comparing",
+    "Estimates": "bayestissue.studies.estimates",
+    "Fit": "bayestissue.studies.finished",
+    "Impact": "bayestissue.studies.one_impact",
+    "InputError": "bayestissue.base.errors",
+    "Plan": "bayestissue.studies.planning.plan",
+    "Problem": "bayestissue.base.errors",
+    "read_run": "bayestissue.studies.finished",
 }
 # What computes with JAX, and so in float64, whatever the caller's setting is.
 _COMPUTED: dict[str, str] = {
-    "certify": "bayestissue.certificate.certificate",
-    "check": "bayestissue.checking",
-    "compare": "bayestissue.comparing",
-    "fit": "bayestissue.fitting",
-    "impact": "bayestissue.one_impact",
-    "numpyro_model": "bayestissue.fitting",
-    "plan": "bayestissue.planning.plan",
-    "estimate": "bayestissue.report.estimates_page",
+    "certify": "bayestissue.studies.certificate.certificate",
+    "check": "bayestissue.studies.checking",
+    "compare": "bayestissue.studies.comparing",
+    "fit": "bayestissue.studies.fitting",
+    "impact": "bayestissue.studies.one_impact",
+    "numpyro_model": "bayestissue.studies.fitting",
+    "plan": "bayestissue.studies.planning.plan",
+    "estimate": "bayestissue.studies.estimates",
 }
 # What does too, compiled, and takes arrays.
 _NUMERIC: dict[str, str] = {
-    "arma21_log_likelihood": "bayestissue.likelihood",
-    "spring_damper": "bayestissue.oscillator",
-    "to_continuous": "bayestissue.oscillator",
-    "to_discrete": "bayestissue.oscillator",
+    "arma21_log_likelihood": "bayestissue.model.likelihood",
+    "spring_damper": "bayestissue.mechanics.oscillator",
+    "to_continuous": "bayestissue.mechanics.oscillator",
+    "to_discrete": "bayestissue.mechanics.oscillator",
 }
 
 __all__ = sorted([*_PUBLIC, *_COMPUTED, *_NUMERIC])
@@ -58,12 +58,9 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'bayestissue' has no attribute {name!r}")
     module = import_module((_PUBLIC | _COMPUTED | _NUMERIC)[name])
-    if name in globals():
-        # A package of this name, which can be called.
-        return module
     value = getattr(module, name)
     if name not in _PUBLIC:
-        from bayestissue.runtime import in_float64, of_arrays
+        from bayestissue.base.runtime import in_float64, of_arrays
 
         value = in_float64(of_arrays(value) if name in _NUMERIC else value)
         # Where it is found under its name, by pickle too.

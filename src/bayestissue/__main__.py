@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from bayestissue import stopping
+from bayestissue.base import stopping
 
 # As `typing` has it, whose import takes as long as all these together.
 TYPE_CHECKING = False

@@ -18,7 +18,10 @@ from typing import Annotated, Any, NoReturn
 import typer
 import typer.core
 
-from bayestissue import runtime, stopping
+from bayestissue.base import runtime, stopping
+from bayestissue.base.declarations import described
+from bayestissue.base.errors import InputError, PartialResultError, Problem, by_cause, more, printable
+from bayestissue.base.outline import counted
 from bayestissue.commands import (
     datasets,
     delivery,
@@ -30,9 +33,6 @@ from bayestissue.commands import (
     texts,
     verification,
 )
-from bayestissue.declarations import described
-from bayestissue.errors import InputError, PartialResultError, Problem, by_cause, more, printable
-from bayestissue.outline import counted
 
 # Of the process, and what each means.
 STATUSES = {

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from written_drops import CAMPAIGN
 
-from bayestissue.bench.campaign import read_campaign
-from bayestissue.bench.drops import Drops
-from bayestissue.bench.order import order_of
-from bayestissue.bench.watching import Watch
+from bayestissue.studies.bench.campaign import read_campaign
+from bayestissue.studies.bench.drops import Drops
+from bayestissue.studies.bench.order import order_of
+from bayestissue.studies.bench.watching import Watch
 
 
 @pytest.fixture

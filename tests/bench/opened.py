@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.bench.server import HOST, application, configured
-from bayestissue.dataset import read_dataset
-from bayestissue.dataset.write import write_dataset
+from bayestissue.recordings.dataset import read_dataset
+from bayestissue.recordings.dataset.write import write_dataset
+from bayestissue.studies.bench.server import HOST, application, configured
 from dataset_bench import deceleration
 from make_fit_run import CONDITIONS, MASS, PEOPLE, make_fit_run
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from written_drops import CAMPAIGN
 
-from bayestissue.bench.campaign import read_campaign
-from bayestissue.bench.order import Order, order_of
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.studies.bench.campaign import read_campaign
+from bayestissue.studies.bench.order import Order, order_of
 from command_line import bayestissue
 
 SIGNAL = '[signal]\nquantity = "deceleration"\nunit = "g"\n'

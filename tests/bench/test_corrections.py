@@ -17,17 +17,17 @@ import pandas as pd
 import pytest
 from written_drops import TOWER
 
-from bayestissue.bench import drops as drops_module
-from bayestissue.bench import watching
-from bayestissue.bench.campaign import read_campaign
-from bayestissue.bench.drops import LIST, Drops
-from bayestissue.bench.order import order_of
-from bayestissue.bench.watching import TAKEN_BACK, Watch
-from bayestissue.dataset import Dataset
-from bayestissue.dataset.left_out import reasons
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
 from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.single.estimates import OUTCOME_COLUMNS
+from bayestissue.recordings.dataset import Dataset
+from bayestissue.recordings.dataset.left_out import reasons
+from bayestissue.studies.bench import drops as drops_module
+from bayestissue.studies.bench import watching
+from bayestissue.studies.bench.campaign import read_campaign
+from bayestissue.studies.bench.drops import LIST, Drops
+from bayestissue.studies.bench.order import order_of
+from bayestissue.studies.bench.watching import TAKEN_BACK, Watch
 
 MASSES = [round(0.5 + 0.1 * n, 1) for n in range(12)]
 

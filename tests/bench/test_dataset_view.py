@@ -10,9 +10,9 @@ from opened import address, served
 from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
-from bayestissue.bench.views import DatasetView
-from bayestissue.dataset import write_dataset
-from bayestissue.dataset.left_out import FILE, reasons, write_left_out
+from bayestissue.recordings.dataset import write_dataset
+from bayestissue.recordings.dataset.left_out import FILE, reasons, write_left_out
+from bayestissue.studies.bench.views import DatasetView
 from dataset_bench import SETTINGS, tables
 
 pytestmark = pytest.mark.slow

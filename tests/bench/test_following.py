@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bayestissue.bench.following import Changes, Follower, Stamp, listing
+from bayestissue.studies.bench.following import Changes, Follower, Stamp, listing
 
 ONE, TWO, MORE = Stamp(10, 1), Stamp(20, 2), Stamp(30, 3)
 NOTHING = Changes((), (), ())

@@ -14,8 +14,8 @@ import pytest
 from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
-from bayestissue.checking import check
-from bayestissue.dataset.left_out import reasons
+from bayestissue.recordings.dataset.left_out import reasons
+from bayestissue.studies.checking import check
 
 pytestmark = pytest.mark.long
 NAMES = plan_of_drops(60)

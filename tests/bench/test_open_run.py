@@ -18,15 +18,15 @@ import pandas as pd
 import pytest
 from opened import TOKEN, address, run_and_dataset, served
 
-from bayestissue.bench.decisions import Decisions
-from bayestissue.bench.run_view import RunView, decisions_on
-from bayestissue.bench.server import HOST
-from bayestissue.dataset import read_dataset
-from bayestissue.dataset.left_out import FILE, reasons, write_left_out
-from bayestissue.errors import InputError
-from bayestissue.finished import read_run
-from bayestissue.report.wording import estimated, interval, significant
-from bayestissue.runtime import FORMAT
+from bayestissue.base.errors import InputError
+from bayestissue.base.runtime import FORMAT
+from bayestissue.recordings.dataset import read_dataset
+from bayestissue.recordings.dataset.left_out import FILE, reasons, write_left_out
+from bayestissue.reports.pages.wording import estimated, interval, significant
+from bayestissue.studies.bench.decisions import Decisions
+from bayestissue.studies.bench.run_view import RunView, decisions_on
+from bayestissue.studies.bench.server import HOST
+from bayestissue.studies.finished import read_run
 from command_line import bayestissue
 
 pytestmark = pytest.mark.slow
@@ -337,7 +337,7 @@ def test_open_says_what_is_wrong_with_a_folder(tmp_path: Path, monkeypatch: pyte
     refused = bayestissue("open", tmp_path)
     assert refused.status == 2
     assert "[not-a-fit]" in refused.err
-    monkeypatch.setattr("bayestissue.bench.server.find_spec", lambda _: None)
+    monkeypatch.setattr("bayestissue.studies.bench.server.find_spec", lambda _: None)
     refused = bayestissue("open", tmp_path)
     assert refused.status == 2
     assert 'pip install "bayestissue[bench]"' in refused.err

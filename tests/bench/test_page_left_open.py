@@ -19,9 +19,9 @@ import pytest
 from opened import address, served
 from written_drops import drop, plan_of_drops, write
 
-from bayestissue.bench.drops import LIST
-from bayestissue.bench.views import WatchView
-from bayestissue.bench.watching import Watch
+from bayestissue.studies.bench.drops import LIST
+from bayestissue.studies.bench.views import WatchView
+from bayestissue.studies.bench.watching import Watch
 
 browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"

@@ -30,13 +30,13 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 from written_drops import TOWER
 
-from bayestissue.bench import watching
-from bayestissue.bench.campaign import read_campaign
-from bayestissue.bench.drops import LIST, Drops
-from bayestissue.bench.order import order_of
-from bayestissue.bench.watching import Watch
-from bayestissue.dataset.left_out import reasons
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset.left_out import reasons
+from bayestissue.studies.bench import watching
+from bayestissue.studies.bench.campaign import read_campaign
+from bayestissue.studies.bench.drops import LIST, Drops
+from bayestissue.studies.bench.order import order_of
+from bayestissue.studies.bench.watching import Watch
 
 ORDERS = (
     [0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4],

@@ -20,13 +20,13 @@ import pytest
 from opened import TOKEN, served
 from written_drops import drop, plan_of_drops, write
 
-from bayestissue.bench import server
-from bayestissue.bench.decisions import Decisions, one_line
-from bayestissue.bench.server import HOST
-from bayestissue.bench.views import DatasetView, DropsView, WatchView
-from bayestissue.bench.watching import Watch
+from bayestissue.base.errors import InputError
 from bayestissue.commands import live
-from bayestissue.errors import InputError
+from bayestissue.studies.bench import server
+from bayestissue.studies.bench.decisions import Decisions, one_line
+from bayestissue.studies.bench.server import HOST
+from bayestissue.studies.bench.views import DatasetView, DropsView, WatchView
+from bayestissue.studies.bench.watching import Watch
 
 
 class Pretended(DropsView):
@@ -235,7 +235,7 @@ def test_connections_that_ask_for_nothing_do_not_keep_others_out(
         time.sleep(0.5)
         assert client.ask("/state").status == 200
         assert client.post("decide", json.dumps({"reason": "x"})).status == 204
-    monkeypatch.setattr("bayestissue.bench.server._PATIENCE_S", 0.2)
+    monkeypatch.setattr("bayestissue.studies.bench.server._PATIENCE_S", 0.2)
     with socket.create_connection((HOST, client.port), timeout=20) as silent:
         assert silent.recv(1) == b"", "it is closed after a while"
 
@@ -245,8 +245,8 @@ def test_a_dataset_that_cannot_be_written_is_opened_to_look_at(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
 ) -> None:
     served_views: list[tuple[Path, str]] = []
-    monkeypatch.setattr("bayestissue.bench.views.DatasetView", lambda *args: args)
-    monkeypatch.setattr("bayestissue.bench.server.serve", lambda view, *_: served_views.append(view))
+    monkeypatch.setattr("bayestissue.studies.bench.views.DatasetView", lambda *args: args)
+    monkeypatch.setattr("bayestissue.studies.bench.server.serve", lambda view, *_: served_views.append(view))
     (tmp_path / "dataset.toml").write_text("")
     # As who stands in it calls it.
     monkeypatch.chdir(tmp_path)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayestissue.bench.drops import Drop
-from bayestissue.bench.following import Stamp
-from bayestissue.bench.study import Study
-from bayestissue.bench.verdict import _SPOILT, verdict
-from bayestissue.errors import Coded
-from bayestissue.remedies import entries
+from bayestissue.base.errors import Coded
+from bayestissue.base.remedies import entries
+from bayestissue.studies.bench.drops import Drop
+from bayestissue.studies.bench.following import Stamp
+from bayestissue.studies.bench.study import Study
+from bayestissue.studies.bench.verdict import _SPOILT, verdict
 
 
 def test_a_sound_drop_is_good() -> None:

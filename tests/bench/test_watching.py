@@ -13,13 +13,13 @@ from scipy.stats import norm
 from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
-from bayestissue.bench import drops as module
-from bayestissue.bench.campaign import read_campaign
-from bayestissue.bench.drops import Drops
-from bayestissue.bench.views import WatchView
-from bayestissue.bench.watching import TAKEN_BACK, Watch
-from bayestissue.checking import check
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.studies.bench import drops as module
+from bayestissue.studies.bench.campaign import read_campaign
+from bayestissue.studies.bench.drops import Drops
+from bayestissue.studies.bench.views import WatchView
+from bayestissue.studies.bench.watching import TAKEN_BACK, Watch
+from bayestissue.studies.checking import check
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayestissue.intake import init_dataset
+from bayestissue.studies.init import init_dataset
 from dataset_bench import DAMPING, RATE, STIFFNESS
 
 PATTERN = "{subject}_{side}_{mass_kg}kg_{n}.csv"

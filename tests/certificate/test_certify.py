@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import bayestissue as bt
-from bayestissue.certificate import certificate as certifying
-from bayestissue.certificate.augmented import Truth, new_impacts, truths
-from bayestissue.results import read_table
-from bayestissue.selftest.fits import campaign
+from bayestissue.base.results import read_table
+from bayestissue.studies.certificate import certificate as certifying
+from bayestissue.studies.certificate.augmented import Truth, new_impacts, truths
+from bayestissue.studies.selftest.fits import campaign
 from command_line import bayestissue
 
 pytestmark = pytest.mark.slow

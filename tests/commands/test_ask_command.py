@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from bayestissue.report.wording import estimated
+from bayestissue.reports.pages.wording import estimated
 from command_line import bayestissue
 from make_fit_run import make_fit_run
 

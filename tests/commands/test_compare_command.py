@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
+from bayestissue.base.errors import InputError
 from bayestissue.cli import app
 from bayestissue.commands.finished_runs import compare
-from bayestissue.errors import InputError
 from make_scored_run import IMPACTS, make_scored_run
 
 SCHEMES = ["leave one impact out", "leave one subject out", "leave one trial out"]

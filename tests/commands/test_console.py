@@ -14,12 +14,13 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from bayestissue import cli, runtime
+from bayestissue import cli
+from bayestissue.base import runtime
+from bayestissue.base.errors import InputError, Problem, has_control_characters, printable
 from bayestissue.commands import datasets, finished_runs
 from bayestissue.commands.console import Grid, echo, plain, show
-from bayestissue.errors import InputError, Problem, has_control_characters, printable
-from bayestissue.report.estimates_page import Estimates
-from bayestissue.report.tables import Row, Table, columns
+from bayestissue.reports.pages.tables import Row, Table, columns
+from bayestissue.studies.estimates import Estimates
 
 BAD = "[/red]a\x1b]0;title\x07b\x9b2Jc\u202ed\x00"
 SHOWN = "[/red]a\\u001b]0;title\\u0007b\\u009b2Jc\\u202ed\\u0000"

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from bayestissue import cli
-from bayestissue.dataset import write_dataset
-from bayestissue.oscillator import impact_motion, spring_damper_inverse
+from bayestissue.mechanics.oscillator import impact_motion, spring_damper_inverse
+from bayestissue.recordings.dataset import write_dataset
 
 
 @pytest.fixture(scope="module")

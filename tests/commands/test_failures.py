@@ -15,10 +15,11 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue import cli, comparing
-from bayestissue.errors import InputError
-from bayestissue.report.run_folder import read_about
-from bayestissue.results import claim, write_tree
+from bayestissue import cli
+from bayestissue.base.errors import InputError
+from bayestissue.base.results import claim, write_tree
+from bayestissue.reports.pages.run_folder import read_about
+from bayestissue.studies import comparing
 from make_scored_run import make_scored_run
 
 pytestmark = pytest.mark.slow
@@ -100,7 +101,7 @@ def test_a_tree_that_has_no_room_is_refused_before_it_is_written(tmp_path: Path)
     program = (
         "import resource, sys, numpy as np, xarray as xr\n"
         "from pathlib import Path\n"
-        "from bayestissue.results import write_tree\n"
+        "from bayestissue.base.results import write_tree\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))\n"
         "write_tree(xr.DataTree(xr.Dataset({'K': ('draw', np.zeros(200_000))})), Path(sys.argv[1]))\n"
     )
@@ -226,7 +227,7 @@ def test_a_command_prints_no_warning_of_a_library(
         np.log(np.array([-1.0]))
         raise InputError.stated("no-file.recording", "here", remedy="")
 
-    monkeypatch.setattr("bayestissue.dataset.read_dataset", told)
+    monkeypatch.setattr("bayestissue.recordings.dataset.read_dataset", told)
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         status, _ = bayestissue("check", tmp_path)

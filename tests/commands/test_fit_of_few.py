@@ -13,11 +13,11 @@ import xarray as xr
 
 from bayestissue.commands.datasets import check
 from bayestissue.commands.fit import what_is_untold
-from bayestissue.dataset import read_dataset
-from bayestissue.fitting import without_short
-from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import prepare
-from bayestissue.oscillator import impact_motion
+from bayestissue.mechanics.oscillator import impact_motion
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.recordings.dataset import read_dataset
+from bayestissue.studies.fitting import without_short
 from command_line import bayestissue
 
 DESIGN = """

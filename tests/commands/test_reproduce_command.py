@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from bayestissue import cli, runtime
+from bayestissue import cli
+from bayestissue.base import runtime
 
 HEAD = 'name = "mine"\nlikelihood = "published-estimates"\n'
 

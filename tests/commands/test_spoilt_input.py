@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from bayestissue import cli
-from bayestissue.dataset import write_dataset
+from bayestissue.recordings.dataset import write_dataset
 
 NAMES = [f"i{number}" for number in range(14)]
 RATE, SPOILT = 10_000.0, ("i3", "i5")

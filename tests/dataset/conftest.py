@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bayestissue import cli
-from bayestissue.dataset import write_dataset
+from bayestissue.recordings.dataset import write_dataset
 from dataset_bench import SETTINGS, Lab, Outcome, tables
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset import Dataset
+from bayestissue.recordings.dataset import Dataset
 from dataset_bench import SETTINGS, Lab, tables
 
 SIGNAL = {"quantity": SETTINGS["signal"]["quantity"], "unit": SETTINGS["signal"]["unit"]}
@@ -93,7 +93,7 @@ def test_a_folder_says_how_the_impact_moves(lab: Lab):
 
 def test_a_write_that_fails_leaves_nothing(tmp_path, monkeypatch):
     made = bt.dataset(*tables(), **GIVEN)
-    monkeypatch.setattr("bayestissue.dataset.write._write_table", lambda *_: 1 / 0)
+    monkeypatch.setattr("bayestissue.recordings.dataset.write._write_table", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         made.write(tmp_path / "written")
     assert list(tmp_path.iterdir()) == []
@@ -244,7 +244,7 @@ def test_names_may_be_numbers_and_values_of_other_units():
 
 
 def test_the_package_and_the_function_share_a_name():
-    from bayestissue.dataset import read_dataset
+    from bayestissue.recordings.dataset import read_dataset
 
     assert bt.dataset.read_dataset is read_dataset is bt.read_dataset
     assert "quantity" in inspect.signature(bt.dataset).parameters

@@ -16,9 +16,9 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
-from bayestissue.dataset import read_dataset
-from bayestissue.dataset.files import LIMIT, sheet_text
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset import read_dataset
+from bayestissue.recordings.dataset.files import LIMIT, sheet_text
 from dataset_bench import Lab
 
 LIMIT_MB = 5

@@ -13,10 +13,10 @@ import pytest
 from scipy.signal import butter, lfilter
 
 import bayestissue as bt
-from bayestissue.checking import check
-from bayestissue.dataset import LowPassFilter, read_dataset, write_dataset
-from bayestissue.dataset.write import settings_text
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset import LowPassFilter, read_dataset, write_dataset
+from bayestissue.recordings.dataset.write import settings_text
+from bayestissue.studies.checking import check
 from dataset_bench import MASSES, NAMES, RATE, SETTINGS, Outcome, deceleration, tables
 
 TIP, RATIO = 0.1, 1.1

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from test_recorders import FORMATS, files_instead
 
 from bayestissue import cli
-from bayestissue.dataset import Dataset, read_dataset, write_dataset
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset import Dataset, read_dataset, write_dataset
 from dataset_bench import NAMES, SETTINGS, Lab, tables
 
 pytestmark = pytest.mark.slow

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from nptdms import ChannelObject, TdmsWriter
 
-from bayestissue.dataset import read_dataset
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset import read_dataset
 from dataset_bench import NAMES, RATE, Lab, tables
 
 START, STOP = 0.001, 0.03

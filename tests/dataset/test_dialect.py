@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayestissue.dataset.cells import read_cells
-from bayestissue.dataset.dialect import DECIMALS, DELIMITERS, Dialect, Stated, text_table
-from bayestissue.dataset.files import Source
-from bayestissue.dataset.formats import Contents
-from bayestissue.dataset.tables import read_table
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset.cells import read_cells
+from bayestissue.recordings.dataset.dialect import DECIMALS, DELIMITERS, Dialect, Stated, text_table
+from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.formats import Contents
+from bayestissue.recordings.dataset.tables import read_table
 
 TIME = np.arange(300) / 1000 - 0.005
 VALUE = 1500 * np.sin(40 * TIME) + 0.25

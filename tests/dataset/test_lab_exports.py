@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayestissue.dataset.cells import read_cells
-from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import Source
-from bayestissue.dataset.recorders import contents_of, read_recording
-from bayestissue.dataset.settings import SignalSettings
-from bayestissue.errors import InputError
-from bayestissue.intake.folder import look
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset.cells import read_cells
+from bayestissue.recordings.dataset.dialect import Stated
+from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.recorders import contents_of, read_recording
+from bayestissue.recordings.dataset.settings import SignalSettings
+from bayestissue.recordings.intake.folder import look
 from recorder_files import lvm
 
 STEP = 1e-4

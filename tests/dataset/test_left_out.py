@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.checking import check
-from bayestissue.dataset import read_dataset, write_dataset
-from bayestissue.dataset.left_out import FILE, NEVER_READ, reason_of, reasons, write_left_out
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset import read_dataset, write_dataset
+from bayestissue.recordings.dataset.left_out import FILE, NEVER_READ, reason_of, reasons, write_left_out
+from bayestissue.studies.checking import check
 from dataset_bench import SETTINGS, Lab, tables
 
 

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset import write_dataset
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset import write_dataset
 
 TIME = np.arange(0, 0.06, 5e-4)
 COUNT = 5
@@ -67,10 +67,10 @@ def test_it_is_written_and_read_again(tmp_path) -> None:
 
 
 def test_models_that_have_no_place_for_it_say_so() -> None:
-    from bayestissue.hierarchy.combinations import unsuited
-    from bayestissue.hierarchy.specification import read_specification
-    from bayestissue.hierarchy.trace_data import facts_of
-    from bayestissue.resources import shared
+    from bayestissue.base.resources import shared
+    from bayestissue.model.hierarchy.combinations import unsuited
+    from bayestissue.model.hierarchy.specification import read_specification
+    from bayestissue.model.hierarchy.trace_data import facts_of
 
     specification = read_specification(shared("models", "arma.toml"))
     clipped = read([np.minimum(force(row), 70.0) for row in range(2)])

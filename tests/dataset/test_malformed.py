@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bayestissue.dataset import read_dataset
-from bayestissue.errors import has_control_characters
+from bayestissue.base.errors import has_control_characters
+from bayestissue.recordings.dataset import read_dataset
 from dataset_bench import SAMPLES, Lab, Outcome
 
 Spoil = Callable[[Lab], object]

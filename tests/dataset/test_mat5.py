@@ -9,7 +9,7 @@ import pytest
 from scipy.io import savemat
 from scipy.sparse import csc_array
 
-from bayestissue.dataset.formats import mat
+from bayestissue.recordings.dataset.formats import mat
 
 
 def numeric_variables(data: bytes) -> dict[str, np.ndarray]:

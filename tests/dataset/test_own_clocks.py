@@ -12,9 +12,10 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 import bayestissue as bt
-from bayestissue.dataset import read_dataset, write_dataset
-from bayestissue.errors import InputError
-from bayestissue.intake import choices_of, prepare, write
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset import read_dataset, write_dataset
+from bayestissue.recordings.intake import choices_of
+from bayestissue.studies.init import prepare, write
 from recorder_files import lvm
 
 MASS, RATE, SAMPLES = 1.2, 5000.0, 400

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.published import PublishedTables, read_published
-from bayestissue.resources import shared
+from bayestissue.base.resources import shared
+from bayestissue.recordings.dataset.published import PublishedTables, read_published
 
 TABLES = ("estimates", "averages", "correlations", "stepwise", "regressions", "claims")
 

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset import read_dataset, write_dataset
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset import read_dataset, write_dataset
 from dataset_bench import NAMES, SETTINGS, Lab, Outcome, deceleration, tables
 
 
@@ -246,7 +246,7 @@ def test_ten_thousand_impacts_load_in_seconds(tmp_path: Path) -> None:
 def test_with_too_many_impacts_the_page_shows_the_most_suspicious(
     lab: Lab, command: Callable[..., Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bayestissue.report.recordings_pages.MOST_CHECK_PANELS", 2)
+    monkeypatch.setattr("bayestissue.reports.pages.recordings_pages.MOST_CHECK_PANELS", 2)
     lab.samples("c", lambda when, value: np.add(value, np.random.default_rng(0).normal(0, 1, 400), out=value))
     assert command("check", lab.folder, "--out", tmp_path / "quality").status == 0
     page = (tmp_path / "quality" / "check.html").read_text()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset import LowPassFilter
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset import LowPassFilter
 from dataset_bench import SETTINGS, Lab, tables
 
 SIGNAL = {"quantity": SETTINGS["signal"]["quantity"], "unit": SETTINGS["signal"]["unit"]}

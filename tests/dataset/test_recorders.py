@@ -13,10 +13,10 @@ import pytest
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
-from bayestissue.dataset import Dataset, read_dataset
-from bayestissue.dataset.files import Source
-from bayestissue.dataset.recorders import contents_of
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset import Dataset, read_dataset
+from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.recorders import contents_of
 from dataset_bench import MASSES, NAMES, RATE, Lab, tables
 from recorder_files import acq, c3d, lvm, markers, xlsx
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayestissue.dataset import Dataset, read_dataset
-from bayestissue.errors import Problem
-from bayestissue.outline import Outlined, Rows, span
+from bayestissue.base.errors import Problem
+from bayestissue.base.outline import Outlined, Rows, span
+from bayestissue.recordings.dataset import Dataset, read_dataset
 from dataset_bench import Lab
 
 

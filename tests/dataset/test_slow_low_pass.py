@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import bayestissue as bt
-from bayestissue.simulation import Simulation, simulate, write_campaign
+from bayestissue.studies.simulation import Simulation, simulate, write_campaign
 from command_line import bayestissue
 
 CONTENT = {

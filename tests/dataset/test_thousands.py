@@ -8,13 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.cells import read_cells
-from bayestissue.dataset.dialect import Stated
-from bayestissue.dataset.files import Source
-from bayestissue.dataset.impacts import impact_table
-from bayestissue.dataset.tables import read_table
-from bayestissue.errors import InputError
-from bayestissue.intake.names import columns
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset.cells import read_cells
+from bayestissue.recordings.dataset.dialect import Stated
+from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.impacts import impact_table
+from bayestissue.recordings.dataset.tables import read_table
+from bayestissue.recordings.intake.names import columns
 
 LETTERED = {",": '"{}"', ";": "{}", "\t": "{}"}
 

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset import read_dataset
-from bayestissue.dataset.recordings import Samples
-from bayestissue.dataset.twins import twins
+from bayestissue.recordings.dataset import read_dataset
+from bayestissue.recordings.dataset.recordings import Samples
+from bayestissue.recordings.dataset.twins import twins
 from dataset_bench import Lab
 
 

@@ -7,9 +7,9 @@ import pytest
 from test_limits import SIGNAL, TIME, force, read
 
 import bayestissue as bt
-from bayestissue.dataset.traces import Traces
-from bayestissue.errors import InputError
-from bayestissue.signal import displacements
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset.traces import Traces
+from bayestissue.recordings.signal import displacements
 
 
 def bent(rows: int = 2) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pint
 import pytest
 
-from bayestissue.dataset.units import COMMON, Dimension, to_si
+from bayestissue.recordings.dataset.units import COMMON, Dimension, to_si
 
 SI = {"acceleration": "m/s^2", "length": "m", "time": "s"}
 

@@ -15,11 +15,11 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import bayestissue as bt
-from bayestissue.dataset.settings import PLACES, Settings, SignalSettings, parse_settings
-from bayestissue.dataset.write import settings_text
-from bayestissue.errors import InputError
-from bayestissue.literature import SITES
-from bayestissue.settings import kinds, parse_toml
+from bayestissue.base.errors import InputError
+from bayestissue.base.literature import SITES
+from bayestissue.base.settings import kinds, parse_toml
+from bayestissue.recordings.dataset.settings import PLACES, Settings, SignalSettings, parse_settings
+from bayestissue.recordings.dataset.write import settings_text
 from dataset_bench import tables
 
 # Free text is any that a file can hold; TOML has no lone halves of characters.

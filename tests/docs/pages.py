@@ -37,9 +37,9 @@ import matplotlib as mpl
 import typer
 
 from bayestissue import cli
-from bayestissue.dataset import read_dataset
-from bayestissue.fitting import formulas_of, require_answerable, resolve
-from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.recordings.dataset import read_dataset
+from bayestissue.studies.fitting import formulas_of, require_answerable, resolve
 from command_line import bayestissue
 
 ROOT = Path(__file__).resolve().parents[2]

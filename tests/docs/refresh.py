@@ -27,7 +27,7 @@ from pages import DOCS, KEPT, NOTEBOOKS, OF, README, ROOT, Block, Command, comma
 from PIL import Image  # noqa: E402
 from PIL.PngImagePlugin import PngInfo  # noqa: E402
 
-from bayestissue import runtime  # noqa: E402
+from bayestissue.base import runtime  # noqa: E402
 from browser import DRAWN, Browser  # noqa: E402
 
 COLOURS = 128

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bayestissue.remedies import retired
+from bayestissue.base.remedies import retired
 
 CHANGELOG = (Path(__file__).resolve().parents[2] / "CHANGELOG.md").read_text(encoding="utf-8")
 REMOVED = "\n".join(re.findall(r"^### Removed\n(.*?)(?=^##)", CHANGELOG, re.MULTILINE | re.DOTALL))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from bayestissue.elements import Outcomes
-from bayestissue.elements.outcomes import DECLARED
+from bayestissue.mechanics.elements import Outcomes
+from bayestissue.mechanics.elements.outcomes import DECLARED
 
 PAGE = Path(__file__).parents[2] / "docs/reference/outcomes.md"
 

@@ -15,8 +15,8 @@ import pytest
 from jax import Array
 from scipy.optimize import least_squares
 
-from bayestissue.elements import Element, element, element_names
-from bayestissue.elements.element import Law, Parameter, States
+from bayestissue.mechanics.elements import Element, element, element_names
+from bayestissue.mechanics.elements.element import Law, Parameter, States
 
 # Half sines of penetration: greatest depth [m], its time [s], and the ball's diameter [m].
 DEPTH, TO_PEAK = (0.004, 0.015, 0.012, 0.008), (0.03, 0.02, 0.006, 0.01)

@@ -23,9 +23,9 @@ from element_values import (
 )
 from scipy.linalg import expm
 
-from bayestissue.elements import element, element_names, impact, linear, outcomes, solver
-from bayestissue.elements.element import Collision, complete
-from bayestissue.oscillator import impact_motion, spring_damper_inverse
+from bayestissue.mechanics.elements import element, element_names, impact, linear, outcomes, solver
+from bayestissue.mechanics.elements.element import Collision, complete
+from bayestissue.mechanics.oscillator import impact_motion, spring_damper_inverse
 
 pytestmark = pytest.mark.slow
 

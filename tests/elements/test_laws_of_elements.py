@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
-from bayestissue.elements import element
-from bayestissue.elements.element import Outcomes, complete
-from bayestissue.elements.outcomes import outcomes_of
+from bayestissue.mechanics.elements import element
+from bayestissue.mechanics.elements.element import Outcomes, complete
+from bayestissue.mechanics.elements.outcomes import outcomes_of
 
 pytestmark = pytest.mark.slow
 

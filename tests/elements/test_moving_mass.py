@@ -7,7 +7,7 @@ import pytest
 from element_values import MASS, VALUES, VELOCITY
 from scipy.integrate import solve_ivp
 
-from bayestissue.elements import impact, outcomes
+from bayestissue.mechanics.elements import impact, outcomes
 
 K, C, ADDED = VALUES["moving_mass"].values()
 

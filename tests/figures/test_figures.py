@@ -9,13 +9,13 @@ import pandas as pd
 import pytest
 
 from bayestissue import read_run
-from bayestissue.figures.browser import packed_json
-from bayestissue.figures.intervals import MOST_LEVELS, intervals, with_error_of, with_ranks
-from bayestissue.figures.study import agreement, limits_of_agreement, points, shares
-from bayestissue.figures.theme import number, scale_over
-from bayestissue.figures.traces import CONTACT, panels, thinned
-from bayestissue.report.fit import figures
-from bayestissue.report.run_folder import read_about
+from bayestissue.reports.figures.browser import packed_json
+from bayestissue.reports.figures.intervals import MOST_LEVELS, intervals, with_error_of, with_ranks
+from bayestissue.reports.figures.study import agreement, limits_of_agreement, points, shares
+from bayestissue.reports.figures.theme import number, scale_over
+from bayestissue.reports.figures.traces import CONTACT, panels, thinned
+from bayestissue.reports.pages.fit import figures
+from bayestissue.reports.pages.run_folder import read_about
 from make_fit_run import make_fit_run, read_fit_run
 from page_reader import figures as specifications
 

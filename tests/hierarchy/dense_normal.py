@@ -8,10 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayestissue.hierarchy.gaussian.arrangement import arrange, expected_by_cell
-from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.effects import EffectsPosterior, integrate_effects, log_density_of_cells
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor, cell_factors
+from bayestissue.model.hierarchy.gaussian.arrangement import arrange, expected_by_cell
+from bayestissue.model.hierarchy.gaussian.covariances import Covariances
+from bayestissue.model.hierarchy.gaussian.effects import (
+    EffectsPosterior,
+    integrate_effects,
+    log_density_of_cells,
+)
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor, cell_factors
 
 SIZE = 4
 OWN = np.array([[0.2, -0.05], [-0.05, 0.3]])

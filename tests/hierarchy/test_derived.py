@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose
 
-from bayestissue.dataset.published import read_published
-from bayestissue.hierarchy.derived import hypotheses, lines_of_means
-from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.model.hierarchy.derived import hypotheses, lines_of_means
+from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.recordings.dataset.published import read_published
 from bayestissue.thesis.reanalysis.observations import published_design, published_observations
 
 

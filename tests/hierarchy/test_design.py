@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.errors import InputError
-from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.formulas.formula import left_out_words, resolve
-from bayestissue.hierarchy.specification import Formulas
+from bayestissue.base.errors import InputError
+from bayestissue.model.hierarchy.design import build_design
+from bayestissue.model.hierarchy.formulas.formula import left_out_words, resolve
+from bayestissue.model.hierarchy.specification import Formulas
 
 PLAIN = "log(mass_kg) + (1|subject) + (1|trial)"
 

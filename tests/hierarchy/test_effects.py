@@ -13,8 +13,8 @@ from dense_normal import SIZE, Dense
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
-from bayestissue.hierarchy.gaussian.effects import effects_from_standard
+from bayestissue.model.hierarchy.gaussian.arrangement import expected_by_cell
+from bayestissue.model.hierarchy.gaussian.effects import effects_from_standard
 
 pytestmark = pytest.mark.slow
 

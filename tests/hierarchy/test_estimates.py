@@ -15,11 +15,11 @@ from numpyro.infer.util import log_density
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from bayestissue.dataset.published import read_published
-from bayestissue.hierarchy.gaussian.arrangement import expected
-from bayestissue.hierarchy.gaussian.effects import effects_from_standard
-from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.hierarchy.traces import hyperparameters_at
+from bayestissue.model.hierarchy.gaussian.arrangement import expected
+from bayestissue.model.hierarchy.gaussian.effects import effects_from_standard
+from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.model.hierarchy.traces import hyperparameters_at
+from bayestissue.recordings.dataset.published import read_published
 from bayestissue.thesis.reanalysis.model import (
     EstimatesModel,
     common_effects,

@@ -10,8 +10,8 @@ from dense_normal import SIZE, Dense
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor, cell_factors
-from bayestissue.likelihood.small import stacked
+from bayestissue.model.hierarchy.gaussian.factor import Conditional, GaussianFactor, cell_factors
+from bayestissue.model.likelihood.small import stacked
 
 
 @pytest.fixture(scope="module")

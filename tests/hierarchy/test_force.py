@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue.dataset.model import Dataset
-from bayestissue.fitting import resolve
-from bayestissue.hierarchy.force import PreparedForce
-from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import impact_likelihood
 from bayestissue.inference.checking.findings import headline
 from bayestissue.inference.checking.masses import judge_force
 from bayestissue.inference.factors.expansions import first_guess
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.model.hierarchy.force import PreparedForce
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.model.hierarchy.traces import impact_likelihood
+from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.studies.fitting import resolve
+from bayestissue.studies.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
 
 FORCE = {"noise_relative_to_peak": 0.005, "offset_sd_N": 0.5, "relative_gain_sd": 0.01, "tip_mass_kg": 0.05}

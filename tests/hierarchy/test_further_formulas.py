@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.errors import InputError
-from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.population import expected, population_design
-from bayestissue.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.hierarchy.traces import TraceModel
+from bayestissue.base.errors import InputError
 from bayestissue.inference.results.labels import design_attributes
+from bayestissue.model.hierarchy import derived
+from bayestissue.model.hierarchy.population import expected, population_design
+from bayestissue.model.hierarchy.specification import ModelSpecification, read_specification
+from bayestissue.model.hierarchy.traces import TraceModel
 from designs import REFERENCE, design_of, impacts, indicator
 
 FORMULA = "log(mass_kg) + room + (1|subject) + (0 + room|subject) + (1|session)"

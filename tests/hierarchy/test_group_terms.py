@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bayestissue.errors import InputError
-from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.formulas.formula import resolve
-from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
-from bayestissue.hierarchy.population import expected, population_design
-from bayestissue.hierarchy.priors import Priors
-from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.base.errors import InputError
+from bayestissue.model.hierarchy import derived
+from bayestissue.model.hierarchy.formulas.formula import resolve
+from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
+from bayestissue.model.hierarchy.population import expected, population_design
+from bayestissue.model.hierarchy.priors import Priors
+from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
 from designs import EVERYTHING, REFERENCE, design_of, impacts, indicator
 
 
@@ -292,7 +292,7 @@ def test_a_prior_of_a_term_that_is_the_subject_s_in_the_data_is_named() -> None:
 
 
 def test_published_estimates_take_the_columns_of_their_tables() -> None:
-    from bayestissue.dataset.published import read_published
+    from bayestissue.recordings.dataset.published import read_published
     from bayestissue.thesis.reanalysis.observations import published_design, published_observations
 
     observations = published_observations(read_published())

@@ -12,15 +12,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
-from bayestissue.hierarchy.gaussian.effects import (
+from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
+from bayestissue.model.hierarchy.gaussian.effects import (
     effects_from_standard,
     integrate_effects,
     log_density_of_cells,
 )
-from bayestissue.hierarchy.population import EffectParts, population_design
-from bayestissue.hierarchy.priors import Priors
-from bayestissue.selftest.mixed_models import exactly_estimated
+from bayestissue.model.hierarchy.population import EffectParts, population_design
+from bayestissue.model.hierarchy.priors import Priors
+from bayestissue.studies.selftest.mixed_models import exactly_estimated
 from designs import design_of, impacts
 
 FORMULA = "log(mass_kg) + age + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"

@@ -6,13 +6,13 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.formulas.formula import Evaluated, resolve
-from bayestissue.hierarchy.formulas.group_terms import GroupTerm
-from bayestissue.hierarchy.levels import design_at, log_at_levels
-from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.results.labels import design_dimensions, labelled
+from bayestissue.model.hierarchy import derived
+from bayestissue.model.hierarchy.design import Design
+from bayestissue.model.hierarchy.formulas.formula import Evaluated, resolve
+from bayestissue.model.hierarchy.formulas.group_terms import GroupTerm
+from bayestissue.model.hierarchy.levels import design_at, log_at_levels
+from bayestissue.model.hierarchy.recorded import Recorded
 from designs import REFERENCE, design_of, impacts
 
 FORMULA = "log(mass_kg) + side + age + (log(mass_kg)|subject) + (1|subject:side) + (age|session) + (1|trial)"

@@ -13,16 +13,16 @@ import pytest
 import statsmodels.formula.api as smf
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
-from bayestissue.hierarchy.gaussian.effects import (
+from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
+from bayestissue.model.hierarchy.gaussian.effects import (
     effects_from_standard,
     integrate_effects,
     log_density_of_cells,
 )
-from bayestissue.hierarchy.population import EffectParts, population_design
-from bayestissue.hierarchy.priors import Normal, Priors
-from bayestissue.selftest.mixed_models import exactly_estimated, sleep_objective
-from bayestissue.selftest.published import PUBLISHED
+from bayestissue.model.hierarchy.population import EffectParts, population_design
+from bayestissue.model.hierarchy.priors import Normal, Priors
+from bayestissue.studies.selftest.mixed_models import exactly_estimated, sleep_objective
+from bayestissue.studies.selftest.published import PUBLISHED
 from designs import REFERENCE, design_of, impacts, indicator
 
 FORMULA = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"

@@ -8,10 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from bayestissue.errors import InputError
-from bayestissue.hierarchy.priors import Correlation, HalfStudentT, Priors
-from bayestissue.hierarchy.specification import read_specification
-from bayestissue.resources import shared
+from bayestissue.base.errors import InputError
+from bayestissue.base.resources import shared
+from bayestissue.model.hierarchy.priors import Correlation, HalfStudentT, Priors
+from bayestissue.model.hierarchy.specification import read_specification
 
 
 def test_the_model_file_that_comes_with_the_program_states_the_default_priors() -> None:

@@ -10,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.formulas.formula import resolve
+from bayestissue.model.hierarchy.formulas.formula import resolve
 from designs import REFERENCE, impacts
 
 ROWS = impacts().assign(sex=lambda t: np.where(t["subject"].isin(t["subject"].unique()[::2]), "f", "m"))

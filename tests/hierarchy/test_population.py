@@ -5,11 +5,11 @@ import numpy as np
 import pandas as pd
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.design import Design, build_design
-from bayestissue.hierarchy.gaussian.arrangement import expected
-from bayestissue.hierarchy.population import covariances_of, population_design
-from bayestissue.hierarchy.priors import Priors
-from bayestissue.hierarchy.specification import Formulas
+from bayestissue.model.hierarchy.design import Design, build_design
+from bayestissue.model.hierarchy.gaussian.arrangement import expected
+from bayestissue.model.hierarchy.population import covariances_of, population_design
+from bayestissue.model.hierarchy.priors import Priors
+from bayestissue.model.hierarchy.specification import Formulas
 
 NUISANCE = ("noise", "atanh_theta1")
 WHOLE = "log(mass_kg) + age + (1|subject) + (1|trial)"

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binom, multivariate_normal
 
-from bayestissue.hierarchy.reference import mass_factor, scatter, with_declared
+from bayestissue.model.hierarchy.reference import mass_factor, scatter, with_declared
 
 
 def test_what_is_common_to_all_impacts_is_not_averaged_away() -> None:

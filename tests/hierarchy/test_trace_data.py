@@ -8,14 +8,14 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.dataset import Dataset, Trace, Uncertainty
-from bayestissue.errors import InputError, Problem
-from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
-from bayestissue.hierarchy.traces import Kind
-from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
-from bayestissue.oscillator import impact_motion
-from bayestissue.signal import SignalOptions
+from bayestissue.base.errors import InputError, Problem
+from bayestissue.mechanics.oscillator import impact_motion
+from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare, with_discrepancy
+from bayestissue.model.hierarchy.traces import Kind
+from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
+from bayestissue.recordings.dataset import Dataset, Trace, Uncertainty
+from bayestissue.recordings.signal import SignalOptions
 from dataset_bench import settings_of
 
 MASS = np.tile([0.5, 1.2], 3)

@@ -7,12 +7,13 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import population_design
-from bayestissue.hierarchy.priors import Priors
-from bayestissue.hierarchy.specification import Formulas
-from bayestissue.hierarchy.traces import (
+from bayestissue.mechanics.oscillator import spring_damper
+from bayestissue.model.hierarchy.design import build_design
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.population import population_design
+from bayestissue.model.hierarchy.priors import Priors
+from bayestissue.model.hierarchy.specification import Formulas
+from bayestissue.model.hierarchy.traces import (
     NUISANCE,
     Kind,
     TraceData,
@@ -20,9 +21,8 @@ from bayestissue.hierarchy.traces import (
     log_likelihood,
     physical,
 )
-from bayestissue.likelihood.arma.displacement import displacement_record
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.oscillator import spring_damper
+from bayestissue.model.likelihood.arma.displacement import displacement_record
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 
 pytestmark = pytest.mark.slow
 

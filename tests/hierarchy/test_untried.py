@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.errors import codes_of
-from bayestissue.hierarchy.columns import untried, untried_words
+from bayestissue.base.errors import codes_of
+from bayestissue.model.hierarchy.columns import untried, untried_words
 from designs import design_of, impacts
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import bayestissue as bt
-from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.population import population_design
-from bayestissue.hierarchy.priors import Priors
-from bayestissue.hierarchy.specification import ModelSpecification, Sampler
-from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.model.hierarchy import derived
+from bayestissue.model.hierarchy.population import population_design
+from bayestissue.model.hierarchy.priors import Priors
+from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.studies.simulation import Simulation, simulate
 from designs import design_of
 
 FORMULA = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bayestissue import resources
-from bayestissue.elements import element, element_names, outcomes
-from bayestissue.elements.element import REFERENCE_DIAMETER_M
-from bayestissue.elements.outcomes import OUTCOMES
-from bayestissue.errors import InputError
-from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
-from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
+from bayestissue.base import resources
+from bayestissue.base.errors import InputError
 from bayestissue.inference.checking.model_form import misfit_precheck
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import draws_of_chain, fit_traces, sample
 from bayestissue.inference.quantities.common_depth import static_force
-from bayestissue.simulation import Campaign, Simulation, simulate
+from bayestissue.mechanics.elements import element, element_names, outcomes
+from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M
+from bayestissue.mechanics.elements.outcomes import OUTCOMES
+from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler, read_specification
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare, with_discrepancy
+from bayestissue.studies.simulation import Campaign, Simulation, simulate
 
 TISSUE: dict[str, dict[str, Any]] = {
     "maxwell": {"C_N_s_per_m": 120.0},

@@ -13,9 +13,9 @@ import pytest
 import xarray as xr
 
 import bayestissue as bt
-from bayestissue.dataset.settings import Uncertainty
 from bayestissue.inference.checking.findings import FORCE_CONTRADICTS
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.studies.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
 
 pytestmark = pytest.mark.slow

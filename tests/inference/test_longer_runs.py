@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.inference import fit
+from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
 
 # R-hat passes at the third look, and effective sizes never.
 LOOKS = ((False, False), (False, False), (True, False), (True, False))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset.settings import Uncertainty
-from bayestissue.simulation import Campaign, Simulation, simulate
+from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.studies.simulation import Campaign, Simulation, simulate
 
 MOVES, MASSES, VELOCITY = 0.1, (0.5, 1.0), 1.5
 PLATE = {"noise_relative_to_peak": 0.005, "relative_gain_sd": 0.01, "place": "base"}

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset.files import Source
-from bayestissue.dataset.recorders import contents_of, read_recording
-from bayestissue.dataset.settings import SignalSettings
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.recorders import contents_of, read_recording
+from bayestissue.recordings.dataset.settings import SignalSettings
 from command_line import bayestissue
 from dataset_bench import deceleration
 from recorder_files import lvm

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
 from command_line import bayestissue
 from country import GERMAN, PLAIN, Country, facts, recordings
 from dataset_bench import DAMPING, STIFFNESS, deceleration

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from bayestissue.dataset import Trace
-from bayestissue.intake.build import blow_again, cut
+from bayestissue.recordings.dataset import Trace
+from bayestissue.recordings.intake.build import blow_again, cut
 
 RATE, LENGTH_S = 2000.0, 0.05
 

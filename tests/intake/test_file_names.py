@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from bayestissue.dataset.files import Source
-from bayestissue.dataset.formats import unit_in_name
-from bayestissue.errors import InputError
-from bayestissue.intake.names import Pattern, columns
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.formats import unit_in_name
+from bayestissue.recordings.intake.names import Pattern, columns
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,9 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.errors import InputError
-from bayestissue.intake import choices_of, prepare, write
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.intake import choices_of
+from bayestissue.studies.init import prepare, write
 from command_line import bayestissue
 from dataset_bench import deceleration
 from page_reader import figures

@@ -11,11 +11,12 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset.files import Source
-from bayestissue.intake import choices_of, prepare
-from bayestissue.intake.folder import File
-from bayestissue.intake.names import contradictions, guessed
-from bayestissue.resources import shared
+from bayestissue.base.resources import shared
+from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.intake import choices_of
+from bayestissue.recordings.intake.folder import File
+from bayestissue.recordings.intake.names import contradictions, guessed
+from bayestissue.studies.init import prepare
 from command_line import bayestissue
 
 RECORDED = shared("data", "tutorial", "recorded")

@@ -14,12 +14,12 @@ import typer
 from nptdms import ChannelObject, TdmsWriter
 
 import bayestissue as bt
+from bayestissue.base.errors import InputError
 from bayestissue.commands import init as command
-from bayestissue.dataset import LowPassFilter
-from bayestissue.dataset.files import Source
-from bayestissue.dataset.left_out import reasons
-from bayestissue.dataset.recorders import contents_of
-from bayestissue.errors import InputError
+from bayestissue.recordings.dataset import LowPassFilter
+from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.left_out import reasons
+from bayestissue.recordings.dataset.recorders import contents_of
 from command_line import bayestissue
 from dataset_bench import RATE, deceleration
 from page_reader import figures

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from bayestissue.dataset import read_dataset, write_dataset
-from bayestissue.errors import Problem
-from bayestissue.report.recordings_pages import init_page
-from bayestissue.signal import displacements
+from bayestissue.base.errors import Problem
+from bayestissue.recordings.dataset import read_dataset, write_dataset
+from bayestissue.recordings.signal import displacements
+from bayestissue.reports.pages.recordings_pages import init_page
 from dataset_bench import NAMES, SETTINGS, tables
 from page_reader import figures
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
 
 G, RATE, VELOCITY, STIFFNESS = 9.80665, 1000.0, 1.2, 3000.0
 FACTS = {"subject": "s1", "mass_kg": 1.0, "velocity_m_s": VELOCITY}

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
 
 RATE = 2000.0
 TIME = np.arange(400) / RATE

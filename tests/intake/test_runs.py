@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.formats import unit_in_name
-from bayestissue.errors import InputError
-from bayestissue.intake import choices_of, prepare, write
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset.formats import unit_in_name
+from bayestissue.recordings.intake import choices_of
+from bayestissue.studies.init import prepare, write
 from dataset_bench import deceleration
 
 MASSES = (0.5, 0.7, 0.9)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset.files import Source
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset.files import Source
 from command_line import bayestissue
 from dataset_bench import deceleration
 from recorder_files import workbook, xlsx

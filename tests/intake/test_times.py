@@ -12,10 +12,10 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset.clock_times import seconds
-from bayestissue.dataset.files import Source
-from bayestissue.dataset.recorders import contents_of
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.recordings.dataset.clock_times import seconds
+from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.recorders import contents_of
 from command_line import bayestissue
 from dataset_bench import deceleration
 from recorder_files import Styled, xlsx

@@ -9,9 +9,9 @@ from scipy.stats import multivariate_normal
 from statsmodels.tsa.arima.model import ARIMA
 from statsmodels.tsa.arima_process import arma_acovf
 
-from bayestissue.likelihood import arma21_log_likelihood, sine_transforms
-from bayestissue.likelihood.arma.arma21 import arma21_series, start_moments
-from bayestissue.oscillator import to_differences, to_discrete
+from bayestissue.mechanics.oscillator import to_differences, to_discrete
+from bayestissue.model.likelihood import arma21_log_likelihood, sine_transforms
+from bayestissue.model.likelihood.arma.arma21 import arma21_series, start_moments
 
 THETAS = [-1.0, -0.999, -0.27, 0.0, 0.5, 1.0, 1.3]
 COMPLEX, REAL = (1.9, -0.92), (1.6, -0.62)

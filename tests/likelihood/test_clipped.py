@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayestissue.elements import element
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.noise import discrepancy_modes
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
+from bayestissue.mechanics.elements import element
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.noise import discrepancy_modes
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
 
 MASS, VELOCITY, DT, FIRST, COUNT = 0.5, 1.5, 5e-4, 2e-4, 44
 K, C, SIGMA, LOG_RMS = 2500.0, 12.0, 1.2, np.log(0.8)

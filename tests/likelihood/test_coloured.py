@@ -13,16 +13,16 @@ from scipy.linalg import toeplitz
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from bayestissue.dataset.settings import LowPassFilter
-from bayestissue.elements import element
-from bayestissue.likelihood.element import noise
-from bayestissue.likelihood.element.contact import noise_of
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.noise import LEAST_EIGENVALUE, colour_of, discrepancy_modes
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.likelihood.element.recorder import Colour, LowPass
-from bayestissue.likelihood.element.response import columns, response
-from bayestissue.signal.filters import autocorrelation, modes
+from bayestissue.mechanics.elements import element
+from bayestissue.model.likelihood.element import noise
+from bayestissue.model.likelihood.element.contact import noise_of
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.noise import LEAST_EIGENVALUE, colour_of, discrepancy_modes
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.element.recorder import Colour, LowPass
+from bayestissue.model.likelihood.element.response import columns, response
+from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.signal.filters import autocorrelation, modes
 
 pytestmark = pytest.mark.slow
 

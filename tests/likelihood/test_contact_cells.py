@@ -12,10 +12,10 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import kstest, multivariate_normal, norm
 
-from bayestissue.elements import element, impact
-from bayestissue.elements.element import Element
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.mechanics.elements import element, impact
+from bayestissue.mechanics.elements.element import Element
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 
 pytestmark = pytest.mark.slow
 

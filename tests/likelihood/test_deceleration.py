@@ -13,12 +13,12 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from bayestissue.elements import element
-from bayestissue.elements.element import GRAVITY as ALONG
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.likelihood.element.spring_damper import log_likelihood
-from bayestissue.oscillator import impact_motion
+from bayestissue.mechanics.elements import element
+from bayestissue.mechanics.elements.element import GRAVITY as ALONG
+from bayestissue.mechanics.oscillator import impact_motion
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.element.spring_damper import log_likelihood
 
 RNG = np.random.default_rng(11)
 LENGTHS = np.array([50, 3, 31, 22, 40])

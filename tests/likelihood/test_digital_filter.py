@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.signal import bessel, butter, sosfilt, sosfiltfilt
 
-from bayestissue.dataset.settings import LowPassFilter
-from bayestissue.elements import element, impact
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.likelihood.element.recorder import LowPass
-from bayestissue.likelihood.element.response import response
-from bayestissue.signal.filters import ahead_s, decay, modes
+from bayestissue.mechanics.elements import element, impact
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.element.recorder import LowPass
+from bayestissue.model.likelihood.element.response import response
+from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.signal.filters import ahead_s, decay, modes
 
 DT, SAMPLES, VELOCITY = 5e-4, 40, 1.5
 RATE = 1 / DT

@@ -10,13 +10,13 @@ import pytest
 from scipy.linalg import eigh
 from scipy.stats import multivariate_normal, norm
 
-from bayestissue.elements import element, impact
-from bayestissue.elements.element import Element
 from bayestissue.inference.quantities.whole import integrals
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.noise import discrepancy_modes
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.likelihood.element.response import Response, columns, response
+from bayestissue.mechanics.elements import element, impact
+from bayestissue.mechanics.elements.element import Element
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.noise import discrepancy_modes
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.element.response import Response, columns, response
 
 MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])

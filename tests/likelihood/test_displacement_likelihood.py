@@ -10,12 +10,12 @@ from numpy.testing import assert_allclose
 from scipy.linalg import toeplitz
 from scipy.stats import multivariate_normal
 
-from bayestissue.likelihood.arma.displacement import (
+from bayestissue.mechanics.oscillator import to_differences
+from bayestissue.model.likelihood.arma.displacement import (
     DisplacementRecord,
     MeasuredDisplacement,
     displacement_record,
 )
-from bayestissue.oscillator import to_differences
 
 RNG = np.random.default_rng(7)
 LENGTHS = np.array([3, 40, 12, 30, 23])

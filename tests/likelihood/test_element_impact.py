@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayestissue.elements import element, element_names, impact
-from bayestissue.elements.element import GRAVITY
-from bayestissue.likelihood.element import spring_damper
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.likelihood.element.response import motion
+from bayestissue.mechanics.elements import element, element_names, impact
+from bayestissue.mechanics.elements.element import GRAVITY
+from bayestissue.model.likelihood.element import spring_damper
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.element.response import motion
 
 pytestmark = pytest.mark.slow
 

@@ -17,12 +17,12 @@ from scipy.integrate import solve_ivp
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from bayestissue.dataset.settings import LowPassFilter
-from bayestissue.elements import element
-from bayestissue.hierarchy.recorder import low_pass_of
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord, ForceRows
-from bayestissue.signal.filters import on_even_grid
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.recorder import low_pass_of
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, ForceRows
+from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.signal.filters import on_even_grid
 
 pytestmark = pytest.mark.slow
 

@@ -12,12 +12,12 @@ from jax import Array
 from scipy.linalg import toeplitz
 from scipy.stats import multivariate_normal
 
-from bayestissue.dataset.settings import LowPassFilter
-from bayestissue.elements import element
-from bayestissue.hierarchy.recorder import filtered_noise, low_pass_of
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord, ForceRows
-from bayestissue.signal.filters import autocorrelation, on_even_grid
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.recorder import filtered_noise, low_pass_of
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, ForceRows
+from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.signal.filters import autocorrelation, on_even_grid
 
 K, C, MASS, VELOCITY = 3000.0, 25.0, 0.8, 1.4
 # Velocity, gain, the force's zero, its clock, the deceleration's zero, the time of contact.

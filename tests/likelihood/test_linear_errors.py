@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from bayestissue.likelihood.linear_errors import Errors, Products, draw_errors, marginal_log_likelihood
+from bayestissue.model.likelihood.linear_errors import Errors, Products, draw_errors, marginal_log_likelihood
 
 RNG = np.random.default_rng(1)
 IMPACTS, COUNT, ERRORS = 3, 9, 3

@@ -9,13 +9,13 @@ import pytest
 from scipy.signal import bessel, butter, freqs
 from scipy.special import logsumexp
 
-from bayestissue.dataset.settings import LowPassFilter
-from bayestissue.elements import element
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed
-from bayestissue.likelihood.element.response import motion, response
-from bayestissue.signal.filters import delay, modes
+from bayestissue.mechanics.elements import element
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed
+from bayestissue.model.likelihood.element.response import motion, response
+from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.signal.filters import delay, modes
 
 FILTERS = [
     LowPassFilter(low_pass_hz=500.0),

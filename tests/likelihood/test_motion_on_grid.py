@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.likelihood.element.spring_damper import response, response_in_blocks
-from bayestissue.oscillator import impact_motion
+from bayestissue.mechanics.oscillator import impact_motion
+from bayestissue.model.likelihood.element.spring_damper import response, response_in_blocks
 
 # Undamped, lightly damped, both sides of critical damping and at it, and far above it.
 ZETA = np.array([0.0, 0.3, 1 - 1e-9, 1.0, 1.01, 3.0])

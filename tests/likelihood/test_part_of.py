@@ -3,7 +3,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from bayestissue.likelihood.linear_errors import part_of
+from bayestissue.model.likelihood.linear_errors import part_of
 
 DRAWS = 40_000
 

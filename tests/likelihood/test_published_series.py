@@ -14,8 +14,8 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import lfilter
 
 from bayestissue.inference.points.fit import PointFit, fit_points
-from bayestissue.likelihood import arma21_log_likelihood
-from bayestissue.likelihood.arma.arma21 import Start
+from bayestissue.model.likelihood import arma21_log_likelihood
+from bayestissue.model.likelihood.arma.arma21 import Start
 
 
 class Published(NamedTuple):

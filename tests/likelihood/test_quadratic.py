@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.likelihood import arma21_log_likelihood, quadratic
+from bayestissue.model.likelihood import arma21_log_likelihood, quadratic
 
 # Compiled once for all cases.
 log_determinant = jax.jit(quadratic.log_determinant)

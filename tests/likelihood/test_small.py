@@ -6,7 +6,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 from scipy.linalg import solve_triangular
 
-from bayestissue.likelihood import small
+from bayestissue.model.likelihood import small
 
 RNG = np.random.default_rng(3)
 ROOTS = RNG.normal(size=(5, 4, 4))

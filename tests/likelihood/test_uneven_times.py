@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayestissue.elements import element, impact
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
-from bayestissue.likelihood.element.response import response
+from bayestissue.mechanics.elements import element, impact
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
+from bayestissue.model.likelihood.element.response import response
 
 pytestmark = pytest.mark.slow
 

@@ -8,9 +8,9 @@ import re
 import numpy as np
 import pytest
 
-from bayestissue.dataset.settings import STANDARD_GRAVITY
-from bayestissue.literature import FACTOR, MEASURED, SITES, Range, comparable, measurements
-from bayestissue.words import NOUNS
+from bayestissue.base.literature import FACTOR, MEASURED, SITES, Range, comparable, measurements
+from bayestissue.base.words import NOUNS
+from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY
 
 
 def named(short: str) -> list:

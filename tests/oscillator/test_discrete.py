@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayestissue.oscillator import (
+from bayestissue.mechanics.oscillator import (
     arccos_branch,
     from_differences,
     to_continuous,

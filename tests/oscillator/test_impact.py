@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from bayestissue.oscillator import (
+from bayestissue.mechanics.oscillator import (
     impact_motion,
     peak_displacement,
     spring_damper,

@@ -15,16 +15,16 @@ import pytest
 from PIL import Image
 
 import bayestissue as bt
-from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.checking.recordings import clipped_recordings, flagged_recordings
-from bayestissue.paper import text
-from bayestissue.paper.documents import write_markdown, write_word
-from bayestissue.paper.text import Text, text_of
-from bayestissue.paper.workbook import people_wide, write_sheets
-from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import Levels
-from bayestissue.report.wording import Spread
+from bayestissue.model.hierarchy.levels import log_at_levels
+from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.posterior import Levels
+from bayestissue.reports.pages.wording import Spread
+from bayestissue.reports.paper import text
+from bayestissue.reports.paper.documents import write_markdown, write_word
+from bayestissue.reports.paper.text import Text, text_of
+from bayestissue.reports.paper.workbook import people_wide, write_sheets
 from command_line import bayestissue
 from make_fit_run import changed, make_fit_run, read_fit_run
 

@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.planning import ledger as module
-from bayestissue.planning.assurance import Assessment, Goal, Progress
-from bayestissue.planning.population import BLOCK
+from bayestissue.studies.planning import ledger as module
+from bayestissue.studies.planning.assurance import Assessment, Goal, Progress
+from bayestissue.studies.planning.population import BLOCK
 
 
 def share(rows: pd.DataFrame, most: float = 1.0) -> float:

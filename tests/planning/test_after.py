@@ -8,11 +8,11 @@ import pytest
 from stand_in import kernel
 
 import bayestissue as bt
-from bayestissue.errors import InputError
-from bayestissue.planning.analysis import study_of
-from bayestissue.planning.running import RunningPrior
-from bayestissue.planning.specification import plan_of
-from bayestissue.simulation import Simulation, simulate, write_campaign
+from bayestissue.base.errors import InputError
+from bayestissue.studies.planning.analysis import study_of
+from bayestissue.studies.planning.running import RunningPrior
+from bayestissue.studies.planning.specification import plan_of
+from bayestissue.studies.simulation import Simulation, simulate, write_campaign
 from command_line import bayestissue
 
 pytestmark = pytest.mark.slow

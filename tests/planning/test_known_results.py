@@ -16,15 +16,15 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
-from bayestissue.hierarchy.design import Design, build_design
-from bayestissue.hierarchy.specification import specification_of
 from bayestissue.inference.answers.law import Law
-from bayestissue.planning.assurance import Assessment, Goal, Planner
-from bayestissue.planning.information import Information
-from bayestissue.planning.model import PlannedModel, planned_model
-from bayestissue.planning.population import BLOCK, Streams, Truths
-from bayestissue.planning.posterior import PlannedSites, posteriors
-from bayestissue.planning.studies import Arrangement, draw_studies
+from bayestissue.model.hierarchy.design import Design, build_design
+from bayestissue.model.hierarchy.specification import specification_of
+from bayestissue.studies.planning.assurance import Assessment, Goal, Planner
+from bayestissue.studies.planning.information import Information
+from bayestissue.studies.planning.model import PlannedModel, planned_model
+from bayestissue.studies.planning.population import BLOCK, Streams, Truths
+from bayestissue.studies.planning.posterior import PlannedSites, posteriors
+from bayestissue.studies.planning.studies import Arrangement, draw_studies
 
 pytestmark = pytest.mark.slow
 

@@ -12,10 +12,10 @@ import pytest
 from stand_in import kernel
 
 import bayestissue as bt
-from bayestissue.errors import InputError
-from bayestissue.planning.plan import Plan
-from bayestissue.report.plan_page import page_of
-from bayestissue.results import read_table
+from bayestissue.base.errors import InputError
+from bayestissue.base.results import read_table
+from bayestissue.reports.pages.plan_page import page_of
+from bayestissue.studies.planning.plan import Plan
 from command_line import bayestissue
 from page_reader import Reader
 

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 import xarray as xr
 
-from bayestissue.errors import InputError, Problem
-from bayestissue.planning import analysis
-from bayestissue.planning.analysis import factors_named, study_of
-from bayestissue.planning.specification import plan_of, read_plan
+from bayestissue.base.errors import InputError, Problem
+from bayestissue.studies.planning import analysis
+from bayestissue.studies.planning.analysis import factors_named, study_of
+from bayestissue.studies.planning.specification import plan_of, read_plan
 
 SIDES = {"name": "side", "levels": ["left", "right"]}
 PLAN: dict[str, Any] = {

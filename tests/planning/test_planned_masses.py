@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.population import MASS_ERROR
-from bayestissue.hierarchy.specification import Formulas, MassError, ModelSpecification
-from bayestissue.planning.population import BLOCK, Beliefs, Population, Streams, Truths
-from bayestissue.planning.studies import Arrangement, Studies, arrangements, draw_studies
+from bayestissue.model.hierarchy.population import MASS_ERROR
+from bayestissue.model.hierarchy.specification import Formulas, MassError, ModelSpecification
+from bayestissue.studies.planning.population import BLOCK, Beliefs, Population, Streams, Truths
+from bayestissue.studies.planning.studies import Arrangement, Studies, arrangements, draw_studies
 
 MASS_SD, EXACT = 0.05, 1e12
 FORMULA = Formulas(K="log(mass_kg) + (1|subject)", C="log(mass_kg) + (1|subject)")

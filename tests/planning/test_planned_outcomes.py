@@ -10,14 +10,14 @@ from scipy.constants import g
 from scipy.stats import t
 
 import bayestissue as bt
-from bayestissue.elements import outcomes
-from bayestissue.errors import InputError, Problem
-from bayestissue.planning.analysis import factors_named, study_of
-from bayestissue.planning.assurance import planner
-from bayestissue.planning.law import PlannedLaw
-from bayestissue.planning.plan import _of_goal
-from bayestissue.planning.specification import plan_of
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.base.errors import InputError, Problem
+from bayestissue.mechanics.elements import outcomes
+from bayestissue.studies.planning.analysis import factors_named, study_of
+from bayestissue.studies.planning.assurance import planner
+from bayestissue.studies.planning.law import PlannedLaw
+from bayestissue.studies.planning.plan import _of_goal
+from bayestissue.studies.planning.specification import plan_of
+from bayestissue.studies.simulation import Simulation, simulate
 
 MASS, HEIGHT = 5.0, 0.3
 FORCE = "peak_force[mass_kg=5, drop_height_cm=30]"

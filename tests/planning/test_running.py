@@ -9,13 +9,13 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue import runtime
-from bayestissue.planning.assurance import Goal, Planner, planner
-from bayestissue.planning.information import simulation_of
-from bayestissue.planning.population import Beliefs, Pilot, Population
-from bayestissue.planning.running import RunningPrior, running_study
-from bayestissue.simulation import Simulation, simulate
-from bayestissue.simulation.specification import Recording
+from bayestissue.base import runtime
+from bayestissue.studies.planning.assurance import Goal, Planner, planner
+from bayestissue.studies.planning.information import simulation_of
+from bayestissue.studies.planning.population import Beliefs, Pilot, Population
+from bayestissue.studies.planning.running import RunningPrior, running_study
+from bayestissue.studies.simulation import Simulation, simulate
+from bayestissue.studies.simulation.specification import Recording
 from counted import COMPILED, counted
 
 pytestmark = pytest.mark.slow

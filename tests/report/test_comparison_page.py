@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.base.results.tables import table_of_rows
+from bayestissue.base.runtime import FORMAT
 from bayestissue.inference.comparing import same_questions
-from bayestissue.report import write_report
-from bayestissue.report.comparison import answers_figure, answers_table
-from bayestissue.results.tables import table_of_rows
-from bayestissue.runtime import FORMAT
+from bayestissue.reports.pages import write_report
+from bayestissue.reports.pages.comparison import answers_figure, answers_table
 from make_fit_run import make_fit_run
 from make_scored_run import make_scored_run
 from page_reader import Reader, figures

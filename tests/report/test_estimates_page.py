@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.errors import InputError
-from bayestissue.figures.browser import library
-from bayestissue.report import write_report
-from bayestissue.runtime import FORMAT
+from bayestissue.base.errors import InputError
+from bayestissue.base.runtime import FORMAT
+from bayestissue.reports.figures.browser import library
+from bayestissue.reports.pages import write_report
 from page_reader import figures
 
 

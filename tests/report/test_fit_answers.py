@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayestissue.report.fit import answers, checks, estimates, traces, words
-from bayestissue.report.run_folder import read_about
+from bayestissue.reports.pages.fit import answers, checks, estimates, traces, words
+from bayestissue.reports.pages.run_folder import read_about
 from make_fit_run import DRAWS, changed, make_fit_run, read_fit_run
 
 pytestmark = pytest.mark.usefixtures("read_once")

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.report import write_report
-from bayestissue.report.fit import figures, outcomes
-from bayestissue.report.fit.run import FitRun
-from bayestissue.report.run_folder import read_about
-from bayestissue.report.wording import Spread
+from bayestissue.reports.pages import write_report
+from bayestissue.reports.pages.fit import figures, outcomes
+from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.run_folder import read_about
+from bayestissue.reports.pages.wording import Spread
 from make_fit_run import make_fit_run, read_fit_run
 from page_reader import Reader
 

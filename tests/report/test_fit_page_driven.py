@@ -16,9 +16,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.report import write_report
-from bayestissue.report.fit import explorer, traces
-from bayestissue.report.run_folder import read_about
+from bayestissue.reports.pages import write_report
+from bayestissue.reports.pages.fit import explorer, traces
+from bayestissue.reports.pages.run_folder import read_about
 from make_fit_run import make_fit_run, read_fit_run
 
 pytestmark = pytest.mark.slow

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue.report import write_report
+from bayestissue.reports.pages import write_report
 from make_fit_run import make_fit_run
 from tree_file import write_tree
 

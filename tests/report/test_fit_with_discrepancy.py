@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
-from bayestissue.paper.text import text_of
-from bayestissue.report.answers_page import question_lines
-from bayestissue.report.fit import answers, estimates, figures, population, words
-from bayestissue.report.fit.page import page_of
-from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import levels, mass_curve, spread
-from bayestissue.results.tables import table_of_rows
+from bayestissue.reports.pages.answers_page import question_lines
+from bayestissue.reports.pages.fit import answers, estimates, figures, population, words
+from bayestissue.reports.pages.fit.page import page_of
+from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.posterior import levels, mass_curve, spread
+from bayestissue.reports.paper.text import text_of
 from make_fit_run import MASS, changed, make_fit_run, read_fit_run
 
 

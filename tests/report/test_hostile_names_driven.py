@@ -14,17 +14,17 @@ import xarray as xr
 from test_estimates_page import make_estimates_run
 
 import bayestissue as bt
-from bayestissue.checking import check
-from bayestissue.dataset import read_dataset, write_dataset
-from bayestissue.errors import InputError
-from bayestissue.finished import read_run
-from bayestissue.report import write_report
-from bayestissue.report.answers_page import predictions_page, questions_page
-from bayestissue.report.certificate_page import TABLES, certificate_html
-from bayestissue.report.plan_page import page_of
-from bayestissue.report.recordings_pages import init_page
-from bayestissue.results.tables import declared_files
-from bayestissue.signal import displacements
+from bayestissue.base.errors import InputError
+from bayestissue.base.results.tables import declared_files
+from bayestissue.recordings.dataset import read_dataset, write_dataset
+from bayestissue.recordings.signal import displacements
+from bayestissue.reports.pages import write_report
+from bayestissue.reports.pages.answers_page import predictions_page, questions_page
+from bayestissue.reports.pages.certificate_page import TABLES, certificate_html
+from bayestissue.reports.pages.plan_page import page_of
+from bayestissue.reports.pages.recordings_pages import init_page
+from bayestissue.studies.checking import check
+from bayestissue.studies.finished import read_run
 from dataset_bench import SETTINGS, tables
 from make_fit_run import make_fit_run
 from make_published_run import make_published_run

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue.figures.intervals import intervals
-from bayestissue.figures.study import points
-from bayestissue.figures.theme import number
-from bayestissue.report import write_report
+from bayestissue.reports.figures.intervals import intervals
+from bayestissue.reports.figures.study import points
+from bayestissue.reports.figures.theme import number
+from bayestissue.reports.pages import write_report
 from make_fit_run import make_fit_run
 from tree_file import write_tree
 

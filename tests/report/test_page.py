@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.figures.study import points
-from bayestissue.figures.theme import Figure, number
-from bayestissue.remedies import entries
-from bayestissue.report.page import MOST_NUMBERS, again, drawn, prose, render_page
+from bayestissue.base.remedies import entries
+from bayestissue.reports.figures.study import points
+from bayestissue.reports.figures.theme import Figure, number
+from bayestissue.reports.pages.page import MOST_NUMBERS, again, drawn, prose, render_page
 from page_reader import figures
 
 

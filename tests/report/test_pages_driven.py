@@ -9,11 +9,11 @@ import pytest
 from test_estimates_page import make_estimates_run
 
 import bayestissue as bt
-from bayestissue.checking import check
-from bayestissue.dataset import read_dataset, write_dataset
-from bayestissue.report import write_report
-from bayestissue.report.recordings_pages import init_page
-from bayestissue.signal import displacements
+from bayestissue.recordings.dataset import read_dataset, write_dataset
+from bayestissue.recordings.signal import displacements
+from bayestissue.reports.pages import write_report
+from bayestissue.reports.pages.recordings_pages import init_page
+from bayestissue.studies.checking import check
 from dataset_bench import SETTINGS, tables
 from make_published_run import make_published_run
 from make_scored_run import make_scored_run

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from bayestissue.report.wording import Spread
+from bayestissue.reports.pages.wording import Spread
 
 
 @pytest.mark.parametrize(

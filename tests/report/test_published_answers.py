@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayestissue.report import posterior
-from bayestissue.report.run_folder import read_about
-from bayestissue.report.wording import Spread
+from bayestissue.reports.pages import posterior
+from bayestissue.reports.pages.run_folder import read_about
+from bayestissue.reports.pages.wording import Spread
 from bayestissue.thesis.pages import published_page as page
 from bayestissue.thesis.pages.published_figures import kept_share
 from bayestissue.thesis.pages.published_run import read_published_run

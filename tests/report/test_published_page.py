@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from bayestissue.report import write_report
+from bayestissue.reports.pages import write_report
 from make_published_run import make_published_run
 from page_reader import Reader
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from bayestissue.report import posterior
-from bayestissue.report.run_folder import read_about
+from bayestissue.reports.pages import posterior
+from bayestissue.reports.pages.run_folder import read_about
 from bayestissue.thesis.pages.published_run import read_published_run
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from bayestissue.base.errors import InputError
+from bayestissue.base.runtime import FORMAT
 from bayestissue.cli import app
-from bayestissue.errors import InputError
-from bayestissue.report import write_report
-from bayestissue.report.run_folder import read_about
-from bayestissue.runtime import FORMAT
+from bayestissue.reports.pages import write_report
+from bayestissue.reports.pages.run_folder import read_about
 from bayestissue.thesis.pages.published_run import read_published_run
 from make_fit_run import make_fit_run
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.report import write_report
+from bayestissue.reports.pages import write_report
 from make_fit_run import make_fit_run
 from page_reader import Reader
 

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.report.fit import usual
-from bayestissue.report.fit.page import page_of
-from bayestissue.report.fit.run import FitRun
-from bayestissue.report.run_folder import read_about
+from bayestissue.reports.pages.fit import usual
+from bayestissue.reports.pages.fit.page import page_of
+from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.run_folder import read_about
 from make_fit_run import CONDITIONS, PEOPLE, changed, make_fit_run, read_fit_run
 
 pytestmark = pytest.mark.usefixtures("read_once")

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayestissue.report import wording
+from bayestissue.reports.pages import wording
 
 
 @pytest.mark.parametrize(

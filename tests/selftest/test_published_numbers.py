@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from bayestissue.selftest.decaying import LANCZOS3, TIME, element_of_rates
-from bayestissue.selftest.published import PUBLISHED
+from bayestissue.studies.selftest.decaying import LANCZOS3, TIME, element_of_rates
+from bayestissue.studies.selftest.published import PUBLISHED
 
 ELSEWHERE = {"Dyestuff", "Pastes", "Penicillin", "sleepstudy"}
 

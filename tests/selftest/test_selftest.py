@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.recorders import SUFFIXES
-from bayestissue.results import read_table
-from bayestissue.selftest import fits, formats, plan
-from bayestissue.selftest.checks import Compared, Part, differing, run, verdict
+from bayestissue.base.results import read_table
+from bayestissue.recordings.dataset.recorders import SUFFIXES
+from bayestissue.studies.selftest import fits, formats, plan
+from bayestissue.studies.selftest.checks import Compared, Part, differing, run, verdict
 from command_line import bayestissue
 
 GOOD, BAD = Compared("one", "1", "1", True), Compared("two", "2", "3", False)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 
-from bayestissue.signal import SignalOptions, displacements
-from bayestissue.signal.contact import since_release
-from bayestissue.signal.displacement import BEFORE, NO_CONTACT, TOO_FEW
-from bayestissue.signal.quality import inspect, raised
-from bayestissue.signal.traces import stack
+from bayestissue.recordings.signal import SignalOptions, displacements
+from bayestissue.recordings.signal.contact import since_release
+from bayestissue.recordings.signal.displacement import BEFORE, NO_CONTACT, TOO_FEW
+from bayestissue.recordings.signal.quality import inspect, raised
+from bayestissue.recordings.signal.traces import stack
 
 PHASES = np.random.default_rng(3).uniform(size=40)
 

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 
-from bayestissue.signal import SignalOptions, displacement, displacements
-from bayestissue.signal.displacement import SLOWLY, TOO_FEW
-from bayestissue.signal.settings import WindowSettings
+from bayestissue.recordings.signal import SignalOptions, displacement, displacements
+from bayestissue.recordings.signal.displacement import SLOWLY, TOO_FEW
+from bayestissue.recordings.signal.settings import WindowSettings
 
 TISSUE = [Impact(np.sqrt(3000 / mass), zeta) for mass in (0.1, 0.666, 5.0) for zeta in (0.02, 0.28, 1.0, 2.0)]
 TYPICAL = Impact(67.0, 0.28)
@@ -205,7 +205,7 @@ def test_noise_of_a_marker_hardly_ever_ends_a_window():
 
 
 def test_heel_strikes_get_windows_of_some_tens_of_milliseconds(heel_strikes):
-    from bayestissue.dataset import read_dataset
+    from bayestissue.recordings.dataset import read_dataset
 
     made = displacements(read_dataset(heel_strikes))
     # The heel pad stops the foot within 10 to 60 ms at a depth of some millimetres.

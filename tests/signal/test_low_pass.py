@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayestissue.checking import check
-from bayestissue.dataset import Dataset, LowPassFilter
-from bayestissue.signal import SignalOptions, displacements
-from bayestissue.signal.contact import find_onset
-from bayestissue.signal.filters import ahead_s
-from bayestissue.signal.quality.law import suspected
-from bayestissue.signal.traces import stack
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.recordings.dataset import Dataset, LowPassFilter
+from bayestissue.recordings.signal import SignalOptions, displacements
+from bayestissue.recordings.signal.contact import find_onset
+from bayestissue.recordings.signal.filters import ahead_s
+from bayestissue.recordings.signal.quality.law import suspected
+from bayestissue.recordings.signal.traces import stack
+from bayestissue.studies.checking import check
+from bayestissue.studies.simulation import Simulation, simulate
 
 TISSUE = {"K_N_per_m": 32_000.0, "C_N_s_per_m": 60.0, "sd_impact_K": 0.1, "sd_impact_C": 0.1}
 CHAIN = {"velocity_sd_m_s": 0.01, "relative_gain_sd": 0.01, "offset_sd_m_s2": 0.5}

@@ -3,10 +3,10 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
-from bayestissue.errors import InputError
-from bayestissue.remedies import retired
-from bayestissue.resources import shared
-from bayestissue.signal import SignalOptions, read_signal_options
+from bayestissue.base.errors import InputError
+from bayestissue.base.remedies import retired
+from bayestissue.base.resources import shared
+from bayestissue.recordings.signal import SignalOptions, read_signal_options
 
 
 def test_the_commented_model_file_has_the_defaults():

@@ -9,12 +9,12 @@ import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 
 import bayestissue as bt
-from bayestissue.dataset.settings import Uncertainty
-from bayestissue.hierarchy.specification import read_specification
-from bayestissue.hierarchy.trace_data import prepare
-from bayestissue.resources import shared
-from bayestissue.signal import displacements
-from bayestissue.signal.displacement import NOT_ON_SAMPLE
+from bayestissue.base.resources import shared
+from bayestissue.model.hierarchy.specification import read_specification
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.signal import displacements
+from bayestissue.recordings.signal.displacement import NOT_ON_SAMPLE
 
 RATE, NUMBER = 2e3, 30
 # K = 3000 N/m, C = 12 N s/m, M = 0.5 kg.

@@ -10,13 +10,13 @@ import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 from scipy.stats import binom
 
-from bayestissue.dataset.settings import Uncertainty
-from bayestissue.remedies import flags as flags_by_key
-from bayestissue.signal import SignalOptions
-from bayestissue.signal.quality import inspect, raised
-from bayestissue.signal.quality.samples import Recorded as Seen
-from bayestissue.signal.quality.samples import slope, wave
-from bayestissue.signal.traces import stack
+from bayestissue.base.remedies import flags as flags_by_key
+from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.signal import SignalOptions
+from bayestissue.recordings.signal.quality import inspect, raised
+from bayestissue.recordings.signal.quality.samples import Recorded as Seen
+from bayestissue.recordings.signal.quality.samples import slope, wave
+from bayestissue.recordings.signal.traces import stack
 
 TYPICAL = Impact(67.0, 0.28)
 COUNT = 5

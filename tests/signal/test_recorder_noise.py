@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.signal import bessel, butter, freqs, sosfilt, sosfiltfilt
 
-from bayestissue.dataset import Dataset, Trace
-from bayestissue.dataset.settings import LowPassFilter
-from bayestissue.signal import displacements
-from bayestissue.signal.filters import autocorrelation, white_share
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.recordings.dataset import Dataset, Trace
+from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.signal import displacements
+from bayestissue.recordings.signal.filters import autocorrelation, white_share
+from bayestissue.studies.simulation import Simulation, simulate
 
 NOISE = 2.0
 SAE, SLOW = {"sae_class": 180}, {"low_pass_hz": 500.0}

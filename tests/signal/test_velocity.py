@@ -13,8 +13,8 @@ import bayestissue as bt
 from bayestissue.inference.checking.findings import warnings
 from bayestissue.inference.checking.recordings import contradicted_velocity
 from bayestissue.inference.points.estimates import flags_of
-from bayestissue.signal import displacements
-from bayestissue.signal.quality import inspect
+from bayestissue.recordings.signal import displacements
+from bayestissue.recordings.signal.quality import inspect
 
 NUMBER = 12
 # K = 3000 N/m, C = 25 N s/m, M = 0.5 kg.

@@ -5,13 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.dataset import read_dataset
-from bayestissue.elements import element
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.likelihood.element.recorder import LowPass
-from bayestissue.likelihood.element.response import response
-from bayestissue.signal.filters import modes
-from bayestissue.simulation import Simulation, simulate, write_campaign
+from bayestissue.mechanics.elements import element
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.element.recorder import LowPass
+from bayestissue.model.likelihood.element.response import response
+from bayestissue.recordings.dataset import read_dataset
+from bayestissue.recordings.signal.filters import modes
+from bayestissue.studies.simulation import Simulation, simulate, write_campaign
 
 
 def specification(tissue=None, recording=None, output=None, **design) -> Simulation:
@@ -125,7 +125,7 @@ def test_a_recorder_clips_and_rounds_to_its_steps():
 def test_blocks_leave_no_seam(monkeypatch):
     made = specification(recording={"noise_relative_to_peak": 0.01})
     whole = simulate(made)
-    monkeypatch.setattr("bayestissue.simulation.campaign._BLOCK", 5000)
+    monkeypatch.setattr("bayestissue.studies.simulation.campaign._BLOCK", 5000)
     # Compiled for another shape, a block may round otherwise in the last digit.
     np.testing.assert_allclose(simulate(made).value, whole.value, atol=1e-11)
 

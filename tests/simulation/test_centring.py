@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from bayestissue.report.estimates_page import MASSES_KG, centring_table
+from bayestissue.studies.estimates import MASSES_KG, centring_table
 
 
 def test_centring_on_the_sample_mean_makes_a_mass_dependence_of_one_tissue():

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayestissue.base.resources import shared
 from bayestissue.cli import main
-from bayestissue.dataset import read_dataset
-from bayestissue.resources import shared
-from bayestissue.signal import displacements
+from bayestissue.recordings.dataset import read_dataset
+from bayestissue.recordings.signal import displacements
 
 
 def run(monkeypatch, *arguments) -> int:

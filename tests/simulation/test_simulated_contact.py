@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from bayestissue.elements import element_names
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.mechanics.elements import element_names
+from bayestissue.studies.simulation import Simulation, simulate
 
 pytestmark = pytest.mark.slow
 

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayestissue.errors import InputError
-from bayestissue.simulation import read_simulation
-from bayestissue.simulation.specification import Condition, published_conditions
+from bayestissue.base.errors import InputError
+from bayestissue.studies.simulation import read_simulation
+from bayestissue.studies.simulation.specification import Condition, published_conditions
 
 TISSUE = "[tissue]\nK_N_per_m = 3000\nC_N_s_per_m = 25\n"
 

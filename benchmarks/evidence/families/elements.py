@@ -47,7 +47,7 @@ def coverage_elements() -> Named:
 
 def compared(rows: pd.DataFrame, ending: str = "") -> pd.DataFrame:
     """By element and over all: how often the right one wins where the difference decides, and loses there."""
-    from bayestissue.report.posterior import decides
+    from bayestissue.reports.pages.posterior import decides
 
     def line(part: pd.DataFrame) -> dict[str, float]:
         difference, se = part[f"difference{ending}"], part[f"se{ending}"]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bayestissue.dataset.formats import EACH
-from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
+from bayestissue.recordings.dataset.formats import EACH
+from bayestissue.recordings.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from from_program.markdown import code, table
 
 

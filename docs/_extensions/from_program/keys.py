@@ -12,15 +12,15 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from bayestissue.bench.campaign import CampaignSpecification
-from bayestissue.dataset.impacts import COLUMNS, required_columns
-from bayestissue.dataset.settings import Settings
-from bayestissue.elements import element, element_names
-from bayestissue.hierarchy import priors
-from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.planning.population import Known
-from bayestissue.planning.specification import PlanSpecification
-from bayestissue.simulation.specification import Simulation
+from bayestissue.mechanics.elements import element, element_names
+from bayestissue.model.hierarchy import priors
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.recordings.dataset.impacts import COLUMNS, required_columns
+from bayestissue.recordings.dataset.settings import Settings
+from bayestissue.studies.bench.campaign import CampaignSpecification
+from bayestissue.studies.planning.population import Known
+from bayestissue.studies.planning.specification import PlanSpecification
+from bayestissue.studies.simulation.specification import Simulation
 from from_program.markdown import code, escaped, table
 
 # Tables that are written on one line, and described once.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from bayestissue.literature import SITES, Measurement, measurements
+from bayestissue.base.literature import SITES, Measurement, measurements
 from from_program.markdown import escaped, table
 
 # By column of `Measurement.published`: name, unit, how many of it per SI unit.

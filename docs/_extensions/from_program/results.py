@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.specification import Formulas
+from bayestissue.base.results.tables import File, declared_files
 from bayestissue.inference.answers.reliability import Variances, as_variables, coefficients
 from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS, element_attributes
 from bayestissue.inference.results.tree import dimensions
-from bayestissue.results.tables import File, declared_files
+from bayestissue.model.hierarchy.design import build_design
+from bayestissue.model.hierarchy.specification import Formulas
 from from_program.keys import unit
 from from_program.markdown import code, escaped, table
 

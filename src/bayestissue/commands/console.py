@@ -23,10 +23,10 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from bayestissue.errors import printable
+from bayestissue.base.errors import printable
 
 if TYPE_CHECKING:
-    from bayestissue.report.tables import Table
+    from bayestissue.reports.pages.tables import Table
 
 
 @dataclass(frozen=True)

@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from bayestissue.base.errors import Problem, more
+from bayestissue.base.outline import counted
+from bayestissue.base.remedies import codes_in, entries
+from bayestissue.base.result import Made, Result
+from bayestissue.base.words import Words
 from bayestissue.commands.delivery import Call, DatasetFolder, OtherSeed, delivers
-from bayestissue.errors import Problem, more
-from bayestissue.outline import counted
-from bayestissue.remedies import codes_in, entries
-from bayestissue.result import Made, Result
-from bayestissue.words import Words
 
 if TYPE_CHECKING:
-    from bayestissue.checking import Check
     from bayestissue.commands.console import Shown
-    from bayestissue.report.estimates_page import Estimates
+    from bayestissue.studies.checking import Check
+    from bayestissue.studies.estimates import Estimates
 
 
 def _of_check(checked: Check) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid, Heading
-    from bayestissue.report.recordings_pages import kinds
-    from bayestissue.report.tables import Row, Table, columns
+    from bayestissue.reports.pages.recordings_pages import kinds
+    from bayestissue.reports.pages.tables import Row, Table, columns
 
     data, nouns = checked.dataset, Words(checked.dataset.words)
     rows = (*checked.summary, *(("note", words) for words in checked.notes))
@@ -57,8 +57,8 @@ def check(dataset: DatasetFolder, *, call: Call) -> Check:
     Args:
         out: Also write quality figures and a page with one panel per impact.
     """
-    from bayestissue import checking
-    from bayestissue.dataset import read_dataset
+    from bayestissue.recordings.dataset import read_dataset
+    from bayestissue.studies import checking
 
     return checking.check(read_dataset(dataset, skip_bad=call.skip_bad))
 
@@ -66,8 +66,8 @@ def check(dataset: DatasetFolder, *, call: Call) -> Check:
 def _of_estimates(estimates: Estimates) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
     from bayestissue.inference.points.notes import people_alone, said_once
-    from bayestissue.report.tables import Row, Table, columns
-    from bayestissue.report.wording import estimated
+    from bayestissue.reports.pages.tables import Row, Table, columns
+    from bayestissue.reports.pages.wording import estimated
 
     left_out = estimates.dataset.left_out
     flagged = int((estimates["flags"] != "").sum())
@@ -106,11 +106,11 @@ def estimate(
         model: A model, by name or as a file, as in fit; its [signal] table says where contact is in the
             recordings, and which part of them is used.
     """
-    from bayestissue.dataset import read_dataset
+    from bayestissue.base.resources import model_file
     from bayestissue.inference.execution.workers import on_cluster
-    from bayestissue.report import estimates_page
-    from bayestissue.resources import model_file
-    from bayestissue.signal import SignalOptions, read_signal_options
+    from bayestissue.recordings.dataset import read_dataset
+    from bayestissue.recordings.signal import SignalOptions, read_signal_options
+    from bayestissue.studies import estimates as estimates_page
 
     file = None if model is None else model_file(model, lambda content: "signal" in content)
     options = read_signal_options(file) if file else SignalOptions()
@@ -135,7 +135,7 @@ def simulate(
         specification: Design, tissue, measuring chain and seed.
         seed: Instead of the one in SPEC.toml.
     """
-    from bayestissue import simulation
+    from bayestissue.studies import simulation
 
     stated = simulation.read_simulation(specification)
     if seed is not None:

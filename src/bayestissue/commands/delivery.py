@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from bayestissue import results, runtime
-from bayestissue.declarations import described
+from bayestissue.base import results, runtime
+from bayestissue.base.declarations import described
 
 if TYPE_CHECKING:
+    from bayestissue.base.result import Result
     from bayestissue.commands.console import Shown, Stages
-    from bayestissue.result import Result
 
 # The exit status of what finished, but whose sampler's diagnostics failed.
 FAILED_DIAGNOSTICS = 3

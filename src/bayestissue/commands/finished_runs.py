@@ -10,27 +10,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bayestissue.certificate import FEWEST_REFITS, MOST_REFITS, REFITS
+from bayestissue.base.errors import more
+from bayestissue.base.remedies import codes_in
+from bayestissue.base.result import Made
+from bayestissue.base.words import Words
 from bayestissue.commands.delivery import Call, FinishedFit, Quiet, Seed, delivers
-from bayestissue.errors import more
-from bayestissue.paper import WIDTH_MM
-from bayestissue.remedies import codes_in
-from bayestissue.result import Made
-from bayestissue.words import Words
+from bayestissue.reports.paper import WIDTH_MM
+from bayestissue.studies.certificate import FEWEST_REFITS, MOST_REFITS, REFITS
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bayestissue.certificate.certificate import Certificate
     from bayestissue.commands.console import Shown
-    from bayestissue.comparing import Comparison
-    from bayestissue.finished import Fit
+    from bayestissue.studies.certificate.certificate import Certificate
+    from bayestissue.studies.comparing import Comparison
+    from bayestissue.studies.finished import Fit
 
 
 def _made(fit: Fit, name: str, table: pd.DataFrame, words: Callable[..., Iterator[Shown]]) -> Made:
     """A table that a finished fit was asked for; ``name`` is that of its file and its page."""
-    from bayestissue.report import answers_page
-    from bayestissue.report.wording import names_in, nouns_of
+    from bayestissue.reports.pages import answers_page
+    from bayestissue.reports.pages.wording import names_in, nouns_of
 
     page = getattr(answers_page, f"{name}_page")
     return Made(
@@ -74,7 +74,7 @@ def ask(
         questions: Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".
         out: Also write questions.csv and report.html to this folder.
     """
-    from bayestissue.finished import read_run
+    from bayestissue.studies.finished import read_run
 
     fit = read_run(run)
     return _made(fit, "questions", fit.ask(*questions), of_answers)
@@ -103,7 +103,7 @@ def predict(
         draws: Also write joint draws of all rows to this file, NAME.parquet or NAME.nc (netCDF), from which
             any function of them follows with its interval.
     """
-    from bayestissue.finished import read_run
+    from bayestissue.studies.finished import read_run
 
     fit = read_run(run)
     table = fit.predict(at, draws=draws, overwrite=call.overwrite, say=call.say)
@@ -121,7 +121,7 @@ def report(
         run: Folder of a finished run.
     """
     from bayestissue.commands.console import echo
-    from bayestissue.report import write_report
+    from bayestissue.reports.pages import write_report
 
     path = write_report(run)
     if not quiet:
@@ -151,7 +151,7 @@ def export(
         certificate: Folder of `bayestissue certify` of this run, whose verdict the checklists then state.
         width: Of a figure in print; a journal's column is about 85 mm wide, its page 170.
     """
-    from bayestissue.finished import read_run
+    from bayestissue.studies.finished import read_run
 
     return read_run(run).paper(certificate=certificate, width_mm=width)
 
@@ -198,7 +198,7 @@ def certify(
         refits: Studies that are drawn and fitted. Twenty show gross faults, a hundred finer ones.
         dataset: The recordings that were fitted, where they are no longer where the run says.
     """
-    from bayestissue.certificate.certificate import Study, certificate_of
+    from bayestissue.studies.certificate.certificate import Study, certificate_of
 
     study = Study.of_run(run, dataset)
     return certificate_of(study, refits, seed, call.say, parts=call.parts(study.job(refits, seed)))
@@ -225,17 +225,17 @@ def compare(
             several times.
         out: Also write the tables and a page with figures.
     """
-    from bayestissue import comparing
+    from bayestissue.studies import comparing
 
     return comparing.compare(*runs, ask=ask or ())
 
 
 def of_answers(answers: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     """Claims and numbers, each as a table, and under them what is to be said of single ones."""
+    from bayestissue.base.declarations import filled, general
     from bayestissue.commands.console import Grid
-    from bayestissue.declarations import filled, general
-    from bayestissue.report.tables import Field, number_field, table_of
-    from bayestissue.report.wording import estimated
+    from bayestissue.reports.pages.tables import Field, number_field, table_of
+    from bayestissue.reports.pages.wording import estimated
 
     def number(title: str, column: str, form: str) -> Field:
         return number_field(title, column, lambda value: filled(form, value=value))
@@ -296,8 +296,8 @@ def _counts(table: pd.DataFrame) -> str:
 def of_predictions(predictions: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     """The median of each quantity with its 90 % interval, and under the table what each row was given."""
     from bayestissue.commands.console import Grid
-    from bayestissue.report.tables import Field, table_of
-    from bayestissue.report.wording import FIRST_PREDICTED, covariate_words, predicted_words
+    from bayestissue.reports.pages.tables import Field, table_of
+    from bayestissue.reports.pages.wording import FIRST_PREDICTED, covariate_words, predicted_words
 
     def quantity(name: str) -> Field:
         heading, unit, _ = FIRST_PREDICTED[name]
@@ -315,10 +315,10 @@ def of_predictions(predictions: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
 
 
 def of_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame) -> Iterator[Shown]:
-    """The two tables; see `bayestissue.comparing`."""
+    """The two tables; see `bayestissue.studies.comparing`."""
     from bayestissue.commands.console import SCREEN, Grid
     from bayestissue.inference.comparing import OF_OUTCOMES
-    from bayestissue.report.tables import Field, number_field, table_of
+    from bayestissue.reports.pages.tables import Field, number_field, table_of
 
     data = [Field("data")] if len(comparison["data"].unique()) > 1 else []
     numbers = (
@@ -345,7 +345,7 @@ def of_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame) -> Iterato
 
 def of_compared_answers(answers: pd.DataFrame, questions: Collection[str]) -> Iterator[Shown]:
     """What was asked on the command line: a line of each run."""
-    from bayestissue.report.comparison import answer_words
+    from bayestissue.reports.pages.comparison import answer_words
 
     # A choice has an answer for each level.
     shown = answers[answers["question"].str.startswith(tuple(questions))]
@@ -360,7 +360,7 @@ def _of_posteriors(posteriors: pd.DataFrame) -> Iterator[Shown]:
     """Each quantity with what its intervals are of, and under it a line for each run."""
     from bayestissue.commands.console import Heading
     from bayestissue.inference.results.meanings import heading_words
-    from bayestissue.report.wording import estimated
+    from bayestissue.reports.pages.wording import estimated
 
     yield Heading("posteriors: median and 90 % interval")
     for (variable, level, label, unit), shown in posteriors.groupby(

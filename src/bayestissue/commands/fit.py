@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bayestissue import runtime
+from bayestissue.base import runtime
+from bayestissue.base.errors import Coded, codes_of, more
+from bayestissue.base.result import after_results
+from bayestissue.base.words import Words
 from bayestissue.commands.delivery import Call, DatasetFolder, FormulaOfC, Model, Seed, delivers
 from bayestissue.commands.finished_runs import certify as certify_run
 from bayestissue.commands.finished_runs import of_answers
-from bayestissue.errors import Coded, codes_of, more
-from bayestissue.result import after_results
-from bayestissue.words import Words
 
 if TYPE_CHECKING:
     from bayestissue.commands.console import Shown
-    from bayestissue.dataset import Dataset
-    from bayestissue.finished import Fit
-    from bayestissue.hierarchy.specification import ModelSpecification
-    from bayestissue.hierarchy.trace_data import Prepared
+    from bayestissue.model.hierarchy.specification import ModelSpecification
+    from bayestissue.model.hierarchy.trace_data import Prepared
+    from bayestissue.recordings.dataset import Dataset
+    from bayestissue.studies.finished import Fit
 
 # Warnings of a dataset by which people may be counted wrongly.
 _OF_PEOPLE = ("one-person-or-two", "two-spellings")
@@ -68,10 +68,10 @@ def fit(
             they ended; may be --out itself, with --overwrite.
         certify: Then certify the fit, as `bayestissue certify` does, in OUT-certificate.
     """
-    from bayestissue.dataset import read_dataset
-    from bayestissue.finished import CHAIN
-    from bayestissue.fitting import FitRequest, fit_job
     from bayestissue.inference.execution.workers import on_cluster
+    from bayestissue.recordings.dataset import read_dataset
+    from bayestissue.studies.finished import CHAIN
+    from bayestissue.studies.fitting import FitRequest, fit_job
 
     data = read_dataset(dataset, skip_bad=call.skip_bad)
 
@@ -110,9 +110,9 @@ def _certified(run: Path, seed: int, call: Call) -> bool:
 
 def what_is_untold(dataset: Dataset, prepared: Prepared) -> list[str]:
     """What these data can't tell, to be said before the work begins."""
-    from bayestissue.hierarchy.columns import untried, untried_words
-    from bayestissue.hierarchy.formulas.formula import left_out_words
     from bayestissue.inference.results.meanings import ONE_IMPACT, few_valued_words
+    from bayestissue.model.hierarchy.columns import untried, untried_words
+    from bayestissue.model.hierarchy.formulas.formula import left_out_words
 
     # Who is who decides how much the people tell.
     words = [

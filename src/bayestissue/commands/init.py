@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
 
+from bayestissue.base.declarations import taking
+from bayestissue.base.errors import Problem, by_cause, printable, refuse
 from bayestissue.commands.delivery import Json, Overwrite, Quiet
-from bayestissue.declarations import taking
-from bayestissue.errors import Problem, by_cause, printable, refuse
 
 if TYPE_CHECKING:
-    from bayestissue.intake import Intake, Question
+    from bayestissue.recordings.intake import Question
+    from bayestissue.studies.init import Intake
 
 _CHAIN = {
     "mass": "relative_mass_sd",
@@ -37,7 +38,7 @@ def _flag(name: str) -> str:
 
 def with_options() -> Callable[..., None]:
     """The command with an option for each argument of `bayestissue.init_dataset`."""
-    from bayestissue.intake import options
+    from bayestissue.recordings.intake import options
 
     return taking({name: _option(name, *declared) for name, declared in options().items()})(run)
 
@@ -66,9 +67,10 @@ def run(
             The dataset is called after it.
         **stated: what the files do not say.
     """
+    from bayestissue.base.errors import more
     from bayestissue.commands.console import echo, show
-    from bayestissue.errors import more
-    from bayestissue.intake import choices_of, default_out, prepare, write
+    from bayestissue.recordings.intake import choices_of
+    from bayestissue.studies.init import default_out, prepare, write
 
     intake = prepare(folder, choices_of(**{name: _read(name, value) for name, value in stated.items()}))
     if intake.questions and not quiet and not as_json and _at_a_terminal():
@@ -97,7 +99,7 @@ def run(
 
 def _option(name: str, argument: Parameter, meaning: str) -> tuple[Parameter, str]:
     """The option of an argument: of a table its entries, of a number or word either, else what it is."""
-    from bayestissue.settings import kinds
+    from bayestissue.base.settings import kinds
 
     flag, types = _flag(name), kinds(argument.annotation)
     kind, option, meaning = types[0], typer.Option(flag), meaning[:1].upper() + meaning[1:]
@@ -169,7 +171,7 @@ def _at_a_terminal() -> bool:
 
 def _asked(intake: Intake) -> Intake:
     from bayestissue.commands.console import echo
-    from bayestissue.intake import Question
+    from bayestissue.recordings.intake import Question
 
     echo("\n".join(intake.listed()), err=True)
     options = []

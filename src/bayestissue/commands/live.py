@@ -10,10 +10,10 @@ from typing import Annotated
 
 import typer
 
+from bayestissue.base.errors import InputError
+from bayestissue.base.results import locked, locked_folder
+from bayestissue.base.runtime import configure
 from bayestissue.commands.delivery import Port, Quiet
-from bayestissue.errors import InputError
-from bayestissue.results import locked, locked_folder
-from bayestissue.runtime import configure
 
 
 def watch(
@@ -43,12 +43,12 @@ def watch(
         poll_s: Seconds between looks at the folder.
     """
     configure()
-    from bayestissue.bench.campaign import read_campaign
-    from bayestissue.bench.drops import Drops
-    from bayestissue.bench.order import order_of
-    from bayestissue.bench.watching import Watch
     from bayestissue.commands.console import echo
-    from bayestissue.intake import default_out
+    from bayestissue.studies.bench.campaign import read_campaign
+    from bayestissue.studies.bench.drops import Drops
+    from bayestissue.studies.bench.order import order_of
+    from bayestissue.studies.bench.watching import Watch
+    from bayestissue.studies.init import default_out
 
     plain = plain or once
     read = read_campaign(campaign)
@@ -59,7 +59,7 @@ def watch(
         names = " and ".join(unknown)
         raise InputError.stated("no-campaign.facts", str(campaign), value="not known", names=names)
     if not plain:
-        from bayestissue.bench.server import require_server
+        from bayestissue.studies.bench.server import require_server
 
         require_server("bayestissue watch", " `bayestissue watch --plain` needs none.")
     say = (lambda _: None) if quiet else echo
@@ -76,8 +76,8 @@ def watch(
                 watching.look()
                 time.sleep(poll_s)
         else:
-            from bayestissue.bench.server import serve
-            from bayestissue.bench.views import WatchView
+            from bayestissue.studies.bench.server import serve
+            from bayestissue.studies.bench.views import WatchView
 
             def work() -> None:
                 watching.look()
@@ -103,9 +103,9 @@ def open_(
         dataset: Of a run: where the recordings lie now, if they were moved.
     """
     configure()
-    from bayestissue.bench.server import require_server, serve
     from bayestissue.commands.console import echo
-    from bayestissue.dataset.settings import FILE as SETTINGS
+    from bayestissue.recordings.dataset.settings import FILE as SETTINGS
+    from bayestissue.studies.bench.server import require_server, serve
 
     is_run = (folder / "run.json").is_file()
     if not is_run and not (folder / SETTINGS).is_file():
@@ -114,7 +114,7 @@ def open_(
     require_server("bayestissue open")
     with ExitStack() as locks:
         if not is_run:
-            from bayestissue.bench.views import DatasetView
+            from bayestissue.studies.bench.views import DatasetView
 
             why_not = ""
             try:
@@ -129,8 +129,8 @@ def open_(
                 echo(f"{folder}: {why_not}")
             serve(DatasetView(folder, why_not), port, echo)
             return
-        from bayestissue.bench.run_view import RunView, decisions_on
-        from bayestissue.finished import read_run
+        from bayestissue.studies.bench.run_view import RunView, decisions_on
+        from bayestissue.studies.finished import read_run
 
         fit, decisions, why_not = read_run(folder), None, ""
         try:

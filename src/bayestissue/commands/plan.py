@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bayestissue.base.errors import InputError, all_of, more
+from bayestissue.base.outline import counted
+from bayestissue.base.remedies import codes_in
+from bayestissue.base.words import Words
 from bayestissue.commands.delivery import Call, FormulaOfC, Model, OtherSeed, delivers
-from bayestissue.errors import InputError, all_of, more
-from bayestissue.outline import counted
-from bayestissue.planning.settings import PLAN as SETTINGS
-from bayestissue.remedies import codes_in
-from bayestissue.words import Words
+from bayestissue.studies.planning.settings import PLAN as SETTINGS
 
 if TYPE_CHECKING:
     from bayestissue.commands.console import Shown
-    from bayestissue.planning.plan import Plan
-    from bayestissue.planning.specification import PlanSpecification
+    from bayestissue.studies.planning.plan import Plan
+    from bayestissue.studies.planning.specification import PlanSpecification
 
 
 def _of_plan(plan: Plan) -> Iterator[Shown]:
+    from bayestissue.base.outline import numbers_in_short
     from bayestissue.commands.console import Grid
-    from bayestissue.outline import numbers_in_short
-    from bayestissue.planning.words import duration
-    from bayestissue.report.tables import Row, Table, columns
-    from bayestissue.report.wording import nouns_of_plan, with_error
+    from bayestissue.reports.pages.tables import Row, Table, columns
+    from bayestissue.reports.pages.wording import nouns_of_plan, with_error
+    from bayestissue.studies.planning.words import duration
 
     designs = plan.content["designs"]
     goals = [name.replace("_", " ") for name in designs[0]["goals"]]
@@ -99,8 +99,8 @@ def plan(
         studies: Studies that are drawn of each design, a multiple of 100; 500 unless the plan says.
         seed: Instead of the plan's.
     """
-    from bayestissue.planning.analysis import study_of
-    from bayestissue.planning.plan import carry_out, known_studies, with_changes
+    from bayestissue.studies.planning.analysis import study_of
+    from bayestissue.studies.planning.plan import carry_out, known_studies, with_changes
 
     options = {"--people": people, "--masses": masses, "--velocities": velocities, "--repeats": repeats}
     options |= {"--within": within, "--groups": groups, "--ask": ask}
@@ -119,8 +119,8 @@ def plan(
 
 def _specification(file: Path | None, options: dict[str, Any]) -> tuple[PlanSpecification, str]:
     """The plan of a file, or of options, and what messages call it."""
-    from bayestissue.planning.plan import content_of
-    from bayestissue.planning.specification import plan_of, read_plan
+    from bayestissue.studies.planning.plan import content_of
+    from bayestissue.studies.planning.specification import plan_of, read_plan
 
     named = [option for option, value in options.items() if value]
     if file is not None:

@@ -12,9 +12,9 @@ from typing import Annotated
 
 import typer
 
+from bayestissue.base.errors import InputError, Problem
+from bayestissue.base.remedies import Remedy, entries, retired
 from bayestissue.commands.delivery import Json
-from bayestissue.errors import InputError, Problem
-from bayestissue.remedies import Remedy, entries, retired
 
 
 def explain(
@@ -96,7 +96,7 @@ def model(
     Args:
         name: A model that comes with the program, such as impact or maxwell; or a file of your own.
     """
+    from bayestissue.base.resources import model_file, model_text
     from bayestissue.commands.console import echo
-    from bayestissue.resources import model_file, model_text
 
     echo(model_text(model_file(name, lambda _: True)).rstrip())

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bayestissue import resources, results, runtime
+from bayestissue.base import resources, results, runtime
+from bayestissue.base.errors import more
+from bayestissue.base.result import Made
 from bayestissue.commands.delivery import Call, Seed, delivers
-from bayestissue.errors import more
-from bayestissue.result import Made
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def _verdict(findings: pd.DataFrame, words: str) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
-    from bayestissue.report.tables import Field, table_of
+    from bayestissue.reports.pages.tables import Field, table_of
 
     failed = findings[findings["passed"] == 0]
     if len(failed):
@@ -48,8 +48,8 @@ def selftest(
             results are to lie, and removed.
         thorough: More models recovered, and a calibration of six hundred impacts: ten minutes.
     """
-    from bayestissue.selftest.checks import as_markdown, machine, verdict
-    from bayestissue.selftest.plan import self_test
+    from bayestissue.studies.selftest.checks import as_markdown, machine, verdict
+    from bayestissue.studies.selftest.plan import self_test
 
     start, work = runtime.Start(), call.parts("selftest")
     # Nothing of a test that was ended counts.
@@ -92,9 +92,9 @@ def reproduce(
     Args:
         model: Model of the re-analysis; published unless given.
     """
-    from bayestissue.dataset.published import read_published
-    from bayestissue.hierarchy.specification import read_specification
     from bayestissue.inference.checking.findings import verdict_in_words, warned_codes
+    from bayestissue.model.hierarchy.specification import read_specification
+    from bayestissue.recordings.dataset.published import read_published
     from bayestissue.thesis.audit import audit_published
     from bayestissue.thesis.pages.published_page import published_page
     from bayestissue.thesis.reanalysis.analysis import analyse, competing_designs

@@ -12,8 +12,8 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.elements.outcomes import DECLARED, REFERENCE_OUTCOMES
-from bayestissue.errors import Coded
+from bayestissue.base.errors import Coded
+from bayestissue.base.results.tables import columns_of, joined
 from bayestissue.inference.answers.predictions import predicted
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import of_element_alone
@@ -30,7 +30,7 @@ from bayestissue.inference.results.cross_validation import (
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import meaning
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.results.tables import columns_of, joined
+from bayestissue.mechanics.elements.outcomes import DECLARED, REFERENCE_OUTCOMES
 
 type Trees = Mapping[str, xr.DataTree]
 type Models = Mapping[str, Mapping[str, Any]]

@@ -13,13 +13,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.elements import element
-from bayestissue.elements.element import GRAVITY
-from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, MEASURED
-from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.specification import ModelSpecification, Sampler
-from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
@@ -51,6 +44,13 @@ from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose, more_would_help
+from bayestissue.mechanics.elements import element
+from bayestissue.mechanics.elements.element import GRAVITY
+from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, MEASURED
+from bayestissue.model.hierarchy import derived
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.model.hierarchy.trace_data import Prepared
 
 Say = Callable[[str, int, int], None]
 

@@ -10,15 +10,15 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from bayestissue.elements import outcomes
-from bayestissue.errors import InputError
-from bayestissue.hierarchy.levels import log_at_levels
+from bayestissue.base.errors import InputError
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.law import NO_LAW, Law, moving, unfit_height
 from bayestissue.inference.answers.meaning import beyond_notes, draws_of
 from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study, described_impacts
+from bayestissue.mechanics.elements import outcomes
+from bayestissue.model.hierarchy.levels import log_at_levels
 from designs import contrasts, design_of, impacts
 from study_with_sides import SHAPE, study_with_sides
 

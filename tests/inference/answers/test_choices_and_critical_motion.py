@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from scipy.stats import rankdata
 
+from bayestissue.base.errors import InputError
 from bayestissue.commands.finished_runs import ask as help_of_ask
-from bayestissue.elements import outcomes
-from bayestissue.errors import InputError
-from bayestissue.hierarchy.levels import log_at_levels
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
+from bayestissue.mechanics.elements import outcomes
+from bayestissue.model.hierarchy.levels import log_at_levels
 from study_with_sides import study_with_sides
 
 G = 9.80665

@@ -8,14 +8,14 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.answers.contrasts import ALL
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.meaning import draws_of as draws_at
 from bayestissue.inference.answers.meaning import mistakes
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
-from bayestissue.results.tables import columns_of
+from bayestissue.model.hierarchy.recorded import Recorded
 from designs import REFERENCE, contrasts, impacts
 
 SHAPE = (2, 500)

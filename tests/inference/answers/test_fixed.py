@@ -7,11 +7,11 @@ from itertools import product
 import pandas as pd
 import pytest
 
-from bayestissue.errors import InputError
-from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.base.errors import InputError
 from bayestissue.inference.answers.fixed import confounded
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.questions import numbered, require_readable
+from bayestissue.model.hierarchy.recorded import Recorded
 
 ROWS = pd.DataFrame(
     [

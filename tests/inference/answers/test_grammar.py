@@ -9,7 +9,6 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.grammar import (
     DEEPEST,
     LONGEST,
@@ -22,6 +21,7 @@ from bayestissue.inference.answers.grammar import (
 )
 from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.study import Study
+from bayestissue.model.hierarchy.recorded import Recorded
 
 A, B = np.array([[1.5, -2.0, 3.0]]), np.array([[0.5, 4.0, -1.0]])
 DRAWS = xr.Dataset(

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import (
@@ -20,7 +20,7 @@ from bayestissue.inference.answers.level_tables import (
 )
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
-from bayestissue.results.tables import columns_of
+from bayestissue.model.hierarchy.recorded import Recorded
 
 SHAPE = (2, 200)
 MASS, G = 5.0, 9.80665

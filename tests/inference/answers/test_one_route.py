@@ -17,10 +17,7 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.formulas.formula import resolve
-from bayestissue.hierarchy.formulas.group_terms import stem_of
+from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.answers.contrasts import ALL, INTERACTION, contrasts_of
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.law import Law
@@ -29,8 +26,11 @@ from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.results.labels import design_dimensions, labelled
-from bayestissue.report.fit import study
-from bayestissue.results.tables import table_of_rows
+from bayestissue.model.hierarchy import derived
+from bayestissue.model.hierarchy.design import Design
+from bayestissue.model.hierarchy.formulas.formula import resolve
+from bayestissue.model.hierarchy.formulas.group_terms import stem_of
+from bayestissue.reports.pages.fit import study
 from designs import REFERENCE, contrasts, design_of
 
 DRAWS = (2, 4)

@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 from bayestissue import Fit, read_run
-from bayestissue.elements import outcomes
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.base.results.manifest import write_manifest
 from bayestissue.inference.answers import predictions
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.predictions import (
@@ -24,8 +24,8 @@ from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
-from bayestissue.oscillator.impact import peak_displacement, time_to_peak
-from bayestissue.results.manifest import write_manifest
+from bayestissue.mechanics.elements import outcomes
+from bayestissue.mechanics.oscillator.impact import peak_displacement, time_to_peak
 from make_fit_run import make_fit_run
 
 AT = pd.DataFrame(

@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 from bayestissue import Fit, read_run
-from bayestissue.errors import InputError
+from bayestissue.base.errors import InputError
+from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.answers.questions import ask, ask_what_can_be, numbered, of_model
-from bayestissue.results.tables import columns_of
 from make_fit_run import make_fit_run
 
 

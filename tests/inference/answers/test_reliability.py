@@ -11,7 +11,6 @@ from scipy import stats
 from statsmodels.formula.api import ols
 from statsmodels.stats.anova import anova_lm
 
-from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.reliability import (
     ICC,
     MDC,
@@ -23,6 +22,7 @@ from bayestissue.inference.answers.reliability import (
     reliability,
     variances,
 )
+from bayestissue.model.hierarchy.recorded import Recorded
 
 DRAWS = 40_000
 # Six targets rated by four judges: Shrout and Fleiss (1979, doi:10.1037/0033-2909.86.2.420), table 2, whose

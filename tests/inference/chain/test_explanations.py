@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.chain import explanations as module
 from bayestissue.inference.chain.explanations import DISTINCT, LEAST, MOST, _distinct
 from bayestissue.inference.factors.expansions import expanded
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from gaussian_traces import prepared
 
 

@@ -11,9 +11,9 @@ from numpyro.infer import MCMC, NUTS
 from scipy.stats import norm
 
 import bayestissue as bt
-from bayestissue.dataset import Dataset
 from bayestissue.inference.samplers.convergence import effective_size
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.recordings.dataset import Dataset
+from bayestissue.studies.simulation import Simulation, simulate
 
 MODEL: dict[str, Any] = {
     "name": "m",

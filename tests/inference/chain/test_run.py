@@ -13,9 +13,7 @@ from jax import Array
 from numpy.testing import assert_array_equal
 from numpyro.distributions import biject_to
 
-from bayestissue import runtime
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.specification import Sampler
+from bayestissue.base import runtime
 from bayestissue.inference.chain import draws as chain
 from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
@@ -23,6 +21,8 @@ from bayestissue.inference.chain.run import read_arrays, write_arrays
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.samplers.convergence import convergence
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.specification import Sampler
 from gaussian_traces import TOLD, GaussianTarget, MixtureTarget, from_prior, prepared, target_of
 
 PEOPLE = {"subject": list("aabb"), "trial": ["x", "y"] * 2, "mass_kg": [0.5, 1.0] * 2}

@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.hierarchy.specification import read_specification
+from bayestissue.base.resources import shared
 from bayestissue.inference.checking import another_element
 from bayestissue.inference.checking.findings import Finding
-from bayestissue.resources import shared
+from bayestissue.model.hierarchy.recorded import Recorded
+from bayestissue.model.hierarchy.specification import read_specification
 
 PADS = np.repeat(["A", "B", "C"], 4)
 NAMES = np.array([f"i{number}" for number in range(len(PADS))])

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayestissue.dataset import Dataset, Trace
-from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.checking.measuring_chain import AMPLITUDE, OFFSET, freed, judge
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.recordings.dataset import Dataset, Trace
+from bayestissue.studies.simulation import Simulation, simulate
 
 MASSES_AND_VELOCITIES = [(0.4, 1.2), (0.7, 1.2), (1.0, 1.0), (1.3, 0.9)]
 # In standard errors.

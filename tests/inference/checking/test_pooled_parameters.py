@@ -7,14 +7,14 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue.elements import element
-from bayestissue.hierarchy.design import Design
+from bayestissue.base.remedies import codes_in
 from bayestissue.inference.answers import predictions
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import headline, warned_codes, warnings
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
-from bayestissue.remedies import codes_in
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.design import Design
 from designs import design_of
 
 NAME, STIFFENING = "stiffening_depth_m", element("stiffening")

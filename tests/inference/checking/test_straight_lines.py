@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue.hierarchy.columns import few_valued
-from bayestissue.hierarchy.design import Design
+from bayestissue.base.remedies import codes_in
 from bayestissue.inference.checking.findings import warned_codes, warnings
 from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.results.meanings import few_valued_words
-from bayestissue.remedies import codes_in
+from bayestissue.model.hierarchy.columns import few_valued
+from bayestissue.model.hierarchy.design import Design
 from designs import design_of, impacts
 
 DRAWS, SD_SUBJECT, SD_IMPACT = 200, 0.2, 0.04

@@ -6,13 +6,13 @@ import numpy as np
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.recorded import Recorded
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ask_what_can_be, numbered
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.comparing import posteriors_by_run, same_questions
-from bayestissue.report.comparison import outcome_figures
+from bayestissue.model.hierarchy.recorded import Recorded
+from bayestissue.reports.pages.comparison import outcome_figures
 from designs import REFERENCE, impacts
 
 V = 1.5

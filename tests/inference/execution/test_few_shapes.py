@@ -12,12 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.dataset import Dataset, Trace
-from bayestissue.hierarchy import population
-from bayestissue.hierarchy.gaussian import arrangement
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.specification import ModelSpecification, Sampler
-from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.base.padding import padded_impacts
 from bayestissue.inference.chain import draws
 from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.explanations import explanations
@@ -27,9 +22,14 @@ from bayestissue.inference.factors.expansions import expanded, first_guess
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at, log_likelihoods
 from bayestissue.inference.fit import draws_of_chain
 from bayestissue.inference.quantities.draws import drawn_impacts
-from bayestissue.padding import padded_impacts
-from bayestissue.simulation import simulate
-from bayestissue.simulation.specification import Simulation
+from bayestissue.model.hierarchy import population
+from bayestissue.model.hierarchy.gaussian import arrangement
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.recordings.dataset import Dataset, Trace
+from bayestissue.studies.simulation import simulate
+from bayestissue.studies.simulation.specification import Simulation
 from dataset_bench import settings_of
 
 SHORT = ChainSettings(segment=20, most_rounds=1, first_look=2)

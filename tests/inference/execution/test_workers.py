@@ -8,7 +8,7 @@ import warnings
 
 import pytest
 
-from bayestissue import runtime
+from bayestissue.base import runtime
 
 pytestmark = pytest.mark.slow
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import log_likelihood, with_normal_errors
 from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, normals
 from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.likelihoods import POINTS, log_likelihoods
 from bayestissue.inference.factors.sites import curvature_floor, laplace_sites, weak_prior
-from bayestissue.simulation import simulate
-from bayestissue.simulation.specification import Simulation
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.model.hierarchy.traces import log_likelihood, with_normal_errors
+from bayestissue.studies.simulation import simulate
+from bayestissue.studies.simulation.specification import Simulation
 
 TRUTH = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
 

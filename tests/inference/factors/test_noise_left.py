@@ -8,7 +8,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.inference.checking.model_form import SMALL_P, stated, with_impacts
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.studies.simulation import Simulation, simulate
 
 pytestmark = pytest.mark.slow
 

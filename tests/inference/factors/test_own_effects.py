@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.population import MASS_ERROR, SharedMasses, covariances_of, population_design
-from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.factors.scores import own_effects
+from bayestissue.model.hierarchy.population import MASS_ERROR, SharedMasses, covariances_of, population_design
+from bayestissue.model.hierarchy.specification import ModelSpecification
 from designs import EVERYTHING, design_of
 
 pytestmark = pytest.mark.slow

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.factors.conditional import conditional_priors
 from bayestissue.inference.factors.scores import log_densities
 from bayestissue.inference.samplers.sampling import flat
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.trace_data import Prepared
 from chain_of_sites import chain_of_sites
 from gaussian_traces import prepared
 

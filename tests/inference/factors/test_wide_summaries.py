@@ -5,9 +5,9 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.factors.sites import _MOST_GAIN as MOST_GAIN
 from bayestissue.inference.factors.sites import _parabola, nearest_parabolas
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 
 
 def test_a_parabola_is_found_as_it_is() -> None:

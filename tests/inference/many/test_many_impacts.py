@@ -10,14 +10,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue import padding
-from bayestissue.dataset.model import Dataset
-from bayestissue.elements import element_names
-from bayestissue.hierarchy.gaussian.arrangement import arrange
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.specification import ModelSpecification, Sampler
-from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import TraceData
+from bayestissue.base import padding
+from bayestissue.base.padding import bucket
 from bayestissue.inference import fit as traces
 from bayestissue.inference.chain import draws, settings
 from bayestissue.inference.execution import chunks as trace_blocks
@@ -28,10 +22,16 @@ from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.results.summary import summarise
-from bayestissue.likelihood.arma.displacement import displacement_record
-from bayestissue.padding import bucket
-from bayestissue.simulation import simulate
-from bayestissue.simulation.specification import Simulation
+from bayestissue.mechanics.elements import element_names
+from bayestissue.model.hierarchy.gaussian.arrangement import arrange
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.model.hierarchy.traces import TraceData
+from bayestissue.model.likelihood.arma.displacement import displacement_record
+from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.studies.simulation import simulate
+from bayestissue.studies.simulation.specification import Simulation
 from chain_of_sites import chain_of_sites
 
 COUNT = 21

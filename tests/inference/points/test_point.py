@@ -9,8 +9,13 @@ import pytest
 
 from bayestissue.inference.points.fit import _fit_batch, fit_points
 from bayestissue.inference.points.whiteness import LAGS, projected_portmanteau
-from bayestissue.likelihood.arma.arma21 import arma21_series
-from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
+from bayestissue.mechanics.oscillator import (
+    impact_motion,
+    spring_damper_inverse,
+    time_to_peak,
+    to_differences,
+)
+from bayestissue.model.likelihood.arma.arma21 import arma21_series
 
 K, C, DT, VELOCITY = 3000.0, 25.0, 1e-4, 1.5
 # The slowest and the fastest recorder by default, each of a width of its own to compile; all in the long one.

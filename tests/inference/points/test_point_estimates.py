@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset import Dataset, Trace
-from bayestissue.dataset.settings import Uncertainty
+from bayestissue.base.resources import shared
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.points.notes import said_once
-from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak
-from bayestissue.resources import shared
-from bayestissue.signal import SignalOptions, displacements
+from bayestissue.mechanics.oscillator import impact_motion, spring_damper_inverse, time_to_peak
+from bayestissue.recordings.dataset import Dataset, Trace
+from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.signal import SignalOptions, displacements
 from dataset_bench import settings_of
 
 COLUMNS = [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bayestissue.dataset.settings import ChannelSettings
 from bayestissue.inference.checking.findings import headline, verdict_in_words
 from bayestissue.inference.checking.recordings import (
     clipped_recordings,
@@ -11,6 +10,7 @@ from bayestissue.inference.checking.recordings import (
     unused_channels,
 )
 from bayestissue.inference.points.notes import ANOTHER_VELOCITY
+from bayestissue.recordings.dataset.settings import ChannelSettings
 
 SOUND = {
     "passed": True,

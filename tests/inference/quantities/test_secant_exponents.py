@@ -10,10 +10,6 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.half_normal import HalfNormalSpread
-from bayestissue.hierarchy.priors import Normal
-from bayestissue.hierarchy.specification import Formulas
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.quantities.secants import (
     _SPREADS,
@@ -22,6 +18,10 @@ from bayestissue.inference.quantities.secants import (
     slope_over_units,
     units_of,
 )
+from bayestissue.model.hierarchy.design import build_design
+from bayestissue.model.hierarchy.half_normal import HalfNormalSpread
+from bayestissue.model.hierarchy.priors import Normal
+from bayestissue.model.hierarchy.specification import Formulas
 
 PEOPLE, CONDITIONS, DRAWS = 3, 8, 4000
 SHAPE = (2, DRAWS // 2)

@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.specification import Formulas
 from bayestissue.inference import fit
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.quantities.together import comparable_draws
+from bayestissue.model.hierarchy.design import build_design
+from bayestissue.model.hierarchy.specification import Formulas
 
 PEOPLE, CONDITIONS, SHAPE = 4, 3, (2, 5)
 

@@ -12,10 +12,10 @@ import pytest
 from numpy.testing import assert_allclose
 from numpyro.distributions import biject_to
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.specification import MassError
-from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.fit import draws_of_chain
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.specification import MassError
+from bayestissue.model.hierarchy.trace_data import Prepared
 from chain_of_sites import chain_of_sites
 from studies_by_mass import prepared_study
 

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from jax import Array
 
-from bayestissue.elements import element, impact, outcomes
-from bayestissue.elements.element import GRAVITY, Element
 from bayestissue.inference.quantities.common_depth import (
     at_common_depth,
     static_force,
     whole_at_common_depth,
 )
 from bayestissue.inference.quantities.whole import Whole, whole_impact
-from bayestissue.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.likelihood.element.response import motion
+from bayestissue.mechanics.elements import element, impact, outcomes
+from bayestissue.mechanics.elements.element import GRAVITY, Element
+from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.element.response import motion
 
 pytestmark = pytest.mark.slow
 

@@ -6,12 +6,12 @@ import itertools
 
 import pytest
 
-from bayestissue import resources
-from bayestissue.hierarchy.specification import read_specification
-from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.base import resources
 from bayestissue.inference.fit import fit_traces
-from bayestissue.simulation import Simulation, simulate
-from bayestissue.simulation.campaign import Campaign
+from bayestissue.model.hierarchy.specification import read_specification
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.studies.simulation import Simulation, simulate
+from bayestissue.studies.simulation.campaign import Campaign
 
 
 def campaign(seed: int) -> Campaign:

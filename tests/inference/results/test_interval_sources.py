@@ -14,11 +14,16 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue import resources
-from bayestissue.dataset import read_dataset
-from bayestissue.hierarchy.specification import read_specification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import (
+from bayestissue.base import resources
+from bayestissue.inference.factors.expansions import first_guess
+from bayestissue.inference.factors.sites import laplace_sites, weak_prior
+from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.results import uncertainty_budget as sources
+from bayestissue.inference.results.errors import TraceErrors, trace_errors
+from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
+from bayestissue.model.hierarchy.specification import read_specification
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.model.hierarchy.traces import (
     TraceData,
     TraceModel,
     impact_likelihood,
@@ -26,14 +31,9 @@ from bayestissue.hierarchy.traces import (
     with_contact_at,
     with_normal_errors,
 )
-from bayestissue.inference.factors.expansions import first_guess
-from bayestissue.inference.factors.sites import laplace_sites, weak_prior
-from bayestissue.inference.quantities.draws import Draws
-from bayestissue.inference.results import uncertainty_budget as sources
-from bayestissue.inference.results.errors import TraceErrors, trace_errors
-from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
-from bayestissue.likelihood.element.record import CONTACT
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.model.likelihood.element.record import CONTACT
+from bayestissue.recordings.dataset import read_dataset
+from bayestissue.studies.simulation import Simulation, simulate
 
 pytestmark = pytest.mark.slow
 

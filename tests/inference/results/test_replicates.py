@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue import results
+from bayestissue.base import results
 from bayestissue.inference.results.predictions import rounded
 
 DRAWS, SAMPLES = 100, 200

@@ -10,9 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import bayestissue as bt
-from bayestissue.dataset import Trace
-from bayestissue.simulation import simulate
-from bayestissue.simulation.specification import Simulation
+from bayestissue.recordings.dataset import Trace
+from bayestissue.studies.simulation import simulate
+from bayestissue.studies.simulation.specification import Simulation
 
 pytestmark = pytest.mark.slow
 

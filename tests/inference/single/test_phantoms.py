@@ -9,16 +9,16 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset import Dataset
-from bayestissue.dataset.impacts import REFERENCE, counts, of_phantoms
-from bayestissue.dataset.settings import Uncertainty
-from bayestissue.errors import InputError
-from bayestissue.fitting import resolve
+from bayestissue.base.errors import InputError
 from bayestissue.inference.points.notes import PHANTOM, people_alone
 from bayestissue.inference.single import phantoms
 from bayestissue.inference.single.phantoms import apart, control_chart, prepare_without_phantoms
-from bayestissue.report.estimates_page import estimate_figure, level, page_of
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.recordings.dataset import Dataset
+from bayestissue.recordings.dataset.impacts import REFERENCE, counts, of_phantoms
+from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.studies.estimates import estimate_figure, level, page_of
+from bayestissue.studies.fitting import resolve
+from bayestissue.studies.simulation import Simulation, simulate
 
 FACTOR, GAIN, KNOWN, SD = 1.06, 1.06, 2500.0, 25.0
 DECLARED = Uncertainty(relative_mass_sd=0.05, velocity_sd_m_s=0.005, relative_gain_sd=0.05, offset_sd=0.0)

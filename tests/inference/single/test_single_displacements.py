@@ -11,15 +11,20 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset import Dataset
-from bayestissue.hierarchy.specification import Formulas, read_specification
-from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.base.resources import shared
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.points.notes import C_UNTOLD
 from bayestissue.inference.single.posterior import single_posteriors
-from bayestissue.likelihood.arma.arma21 import arma21_series
-from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
-from bayestissue.resources import shared
+from bayestissue.mechanics.oscillator import (
+    impact_motion,
+    spring_damper_inverse,
+    time_to_peak,
+    to_differences,
+)
+from bayestissue.model.hierarchy.specification import Formulas, read_specification
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.model.likelihood.arma.arma21 import arma21_series
+from bayestissue.recordings.dataset import Dataset
 
 pytestmark = pytest.mark.slow
 

@@ -9,21 +9,21 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.dataset import Dataset, Uncertainty
-from bayestissue.elements import outcomes
-from bayestissue.elements.outcomes import OUTCOMES
-from bayestissue.hierarchy.specification import Formulas, read_specification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.base.resources import shared
+from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.points.notes import C_UNTOLD, K_MOSTLY_UNTOLD, K_UNTOLD, NOISELESS, STRUCTURED
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single import estimates as single_estimates
 from bayestissue.inference.single.estimates import OUTCOME_COLUMNS
 from bayestissue.inference.single.posterior import POINTS, single_posteriors
-from bayestissue.resources import shared
-from bayestissue.results.tables import columns_of
-from bayestissue.simulation import Simulation, simulate
-from bayestissue.simulation.campaign import Campaign
+from bayestissue.mechanics.elements import outcomes
+from bayestissue.mechanics.elements.outcomes import OUTCOMES
+from bayestissue.model.hierarchy.specification import Formulas, read_specification
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.recordings.dataset import Dataset, Uncertainty
+from bayestissue.studies.simulation import Simulation, simulate
+from bayestissue.studies.simulation.campaign import Campaign
 
 pytestmark = pytest.mark.slow
 

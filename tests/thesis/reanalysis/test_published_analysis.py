@@ -10,9 +10,9 @@ import pytest
 from numpy.testing import assert_array_equal
 from numpyro.infer import MCMC, NUTS
 
-from bayestissue.dataset.published import read_published
-from bayestissue.hierarchy.derived import effects_by_name
-from bayestissue.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.model.hierarchy.derived import effects_by_name
+from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.recordings.dataset.published import read_published
 from bayestissue.thesis.reanalysis import explanations
 from bayestissue.thesis.reanalysis.explanations import log_predictive_density
 from bayestissue.thesis.reanalysis.model import EstimatesModel, common_effects, estimates_data, plain_model

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset import published as tables_of_the_thesis
-from bayestissue.dataset.published import PublishedTables, read_published
-from bayestissue.resources import shared
+from bayestissue.base.resources import shared
+from bayestissue.recordings.dataset import published as tables_of_the_thesis
+from bayestissue.recordings.dataset.published import PublishedTables, read_published
 
 
 @pytest.fixture(scope="session")

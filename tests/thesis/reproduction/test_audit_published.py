@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.published import PublishedTables, read_published
+from bayestissue.recordings.dataset.published import PublishedTables, read_published
 from bayestissue.thesis.audit import CHECKS_OF_IMPACTS, CHECKS_OF_PUBLICATION, audit_published
 from bayestissue.thesis.audit.findings import BEARINGS, SEVERITIES, TEXTS, Publication, findings
 from bayestissue.thesis.audit.printed import (

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.agreement import Line
 from bayestissue.thesis.reproduction.claims import Evidence, claim_lines
 from bayestissue.thesis.reproduction.conditions import QUANTITIES, Quantity

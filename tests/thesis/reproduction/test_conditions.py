@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.conditions import (
     QUANTITIES,
     Quantity,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.conditions import QUANTITIES, Quantity, conditions, covariate
 from bayestissue.thesis.reproduction.relations import (
     correlation_lines,

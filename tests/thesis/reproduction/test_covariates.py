@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.conditions import covariate, factors, has_mass
 
 TABLE = pd.DataFrame({"energy_J": [2.0, 3.0], "velocity_m_s": [5.0, 7.0], "mass_kg": [11.0, 13.0]})

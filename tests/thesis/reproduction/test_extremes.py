@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.claims import deviation_of_largest, largest, smallest
 from bayestissue.thesis.reproduction.conditions import conditions
 

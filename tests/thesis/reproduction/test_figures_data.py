@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.conditions import conditions
 from bayestissue.thesis.reproduction.relations import correlation_figure, printed_line, straight_line
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.conditions import QUANTITIES, Quantity, conditions
 from bayestissue.thesis.reproduction.relations import (
     regression_lines,

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction import COLUMNS, reproduce_published
 
 

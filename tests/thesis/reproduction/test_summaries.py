@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.conditions import summary_lines
 
 

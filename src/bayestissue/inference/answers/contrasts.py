@@ -1,6 +1,6 @@
 """Ratios of K, C and outcomes between levels: left over right, women over men, one operator over another.
 
-With the expected log of a response at levels (see `bayestissue.hierarchy.levels`), the ratio of two is
+With the expected log of a response at levels (see `bayestissue.model.hierarchy.levels`), the ratio of two is
 
     r = exp(log q(level) - log q(against)),
 
@@ -49,16 +49,16 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.dataset.impacts import SESSIONS
-from bayestissue.hierarchy.columns import not_used
-from bayestissue.hierarchy.formulas.formula import interactions
-from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
+from bayestissue.base.results.tables import columns_of, joined
 from bayestissue.inference.answers.law import MOTION
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.results.tables import columns_of, joined
+from bayestissue.model.hierarchy.columns import not_used
+from bayestissue.model.hierarchy.formulas.formula import interactions
+from bayestissue.model.hierarchy.recorded import Condition, Recorded, label_of
+from bayestissue.recordings.dataset.impacts import SESSIONS
 
 ALL = "mean of all"
 ALSO = "also differs: "

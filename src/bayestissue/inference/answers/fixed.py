@@ -15,19 +15,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.declarations import general
-from bayestissue.hierarchy.effects import intercept, parameter_of
-from bayestissue.hierarchy.formulas.formula import resolve
-from bayestissue.hierarchy.formulas.group_terms import (
-    MASS_TERM,
-    GroupTerm,
-    common_coefficient,
-    grouping_of,
-    quoted,
-)
-from bayestissue.hierarchy.formulas.identifiability import PRECISION
-from bayestissue.hierarchy.levels import design_at
-from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.base.declarations import general
 from bayestissue.inference.answers.grammar import Choice, Critical, Node, Operation, QuestionError, claims
 from bayestissue.inference.answers.law import Law, Values
 from bayestissue.inference.answers.meaning import (
@@ -39,6 +27,18 @@ from bayestissue.inference.answers.meaning import (
 )
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import Study
+from bayestissue.model.hierarchy.effects import intercept, parameter_of
+from bayestissue.model.hierarchy.formulas.formula import resolve
+from bayestissue.model.hierarchy.formulas.group_terms import (
+    MASS_TERM,
+    GroupTerm,
+    common_coefficient,
+    grouping_of,
+    quoted,
+)
+from bayestissue.model.hierarchy.formulas.identifiability import PRECISION
+from bayestissue.model.hierarchy.levels import design_at
+from bayestissue.model.hierarchy.recorded import Recorded
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
-from bayestissue.hierarchy.formulas.group_terms import as_name
-from bayestissue.outline import short
+from bayestissue.base.outline import short
+from bayestissue.model.hierarchy.formulas.group_terms import as_name
 
 if TYPE_CHECKING:
     from lark import Lark

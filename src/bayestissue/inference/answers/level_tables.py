@@ -17,8 +17,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.elements.outcomes import DECLARED, REFERENCE_OUTCOMES
-from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
+from bayestissue.base.results.tables import columns_of, table_of_rows, typed
 from bayestissue.inference.answers.contrasts import LEVELS, Contrasts
 from bayestissue.inference.answers.law import fall_height
 from bayestissue.inference.answers.meaning import average_notes
@@ -28,7 +27,8 @@ from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.results.meanings import UNITS
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.results.tables import columns_of, table_of_rows, typed
+from bayestissue.mechanics.elements.outcomes import DECLARED, REFERENCE_OUTCOMES
+from bayestissue.model.hierarchy.recorded import Condition, Recorded, label_of
 
 IN, OUT = "in", "out"
 

@@ -1,7 +1,7 @@
 """What the quantities of a question mean in a run, and what in it can't be answered.
 
 A response of the hierarchy (K, C, a further parameter with a formula) is that of an impact at the levels in
-its brackets, all else at the reference: see `bayestissue.hierarchy.levels`. So is an outcome, such as
+its brackets, all else at the reference: see `bayestissue.model.hierarchy.levels`. So is an outcome, such as
 peak_force[side=left, mass_kg=1, velocity_m_s=2]: what an impact of that motion comes to on the law of force
 that was fitted, at the K and C of these levels. Any other name is a variable of the posterior, its brackets
 choosing along its dimensions; so are K, C and outcomes of a recorded impact, as in K[impact=7].
@@ -20,12 +20,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bayestissue.dataset.cells import alike, in_whatever_case
-from bayestissue.elements.head_injury import LONGEST
-from bayestissue.elements.outcomes import HEADFORM_OUTCOMES as OUTCOMES
-from bayestissue.errors import Coded
-from bayestissue.hierarchy.levels import NEW
-from bayestissue.hierarchy.recorded import Condition, Recorded
+from bayestissue.base.errors import Coded
+from bayestissue.base.outline import first_of
 from bayestissue.inference.answers.critical import ALONG, critical_motion
 from bayestissue.inference.answers.grammar import (
     OF_MANY,
@@ -43,7 +39,11 @@ from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, beyon
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.results.labels import element_attributes
-from bayestissue.outline import first_of
+from bayestissue.mechanics.elements.head_injury import LONGEST
+from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES as OUTCOMES
+from bayestissue.model.hierarchy.levels import NEW
+from bayestissue.model.hierarchy.recorded import Condition, Recorded
+from bayestissue.recordings.dataset.cells import alike, in_whatever_case
 
 _ABOVE_ZERO = {
     "mass_kg": "a mass above 0 kg",

@@ -29,14 +29,8 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float
 
-from bayestissue.dataset.cells import Records, alike, in_whatever_case, read_cells
-from bayestissue.dataset.files import Source
-from bayestissue.elements import element
-from bayestissue.elements.outcomes import NEVER
-from bayestissue.errors import Coded, InputError, Problem, has_control_characters, path_argument
-from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.levels import NEW
-from bayestissue.hierarchy.recorded import Condition, Recorded
+from bayestissue.base.errors import Coded, InputError, Problem, has_control_characters, path_argument
+from bayestissue.base.results import whole_file, write_tree
 from bayestissue.inference.answers.law import DROP_HEIGHT, NO_LAW, moving, unfit_height
 from bayestissue.inference.answers.meaning import average_notes, beyond_notes
 from bayestissue.inference.answers.settings import SETTINGS
@@ -46,7 +40,13 @@ from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.inference.results.meanings import COLUMNS, HEADFORM_COLUMNS, OUTCOME_COLUMNS
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.results import whole_file, write_tree
+from bayestissue.mechanics.elements import element
+from bayestissue.mechanics.elements.outcomes import NEVER
+from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.levels import NEW
+from bayestissue.model.hierarchy.recorded import Condition, Recorded
+from bayestissue.recordings.dataset.cells import Records, alike, in_whatever_case, read_cells
+from bayestissue.recordings.dataset.files import Source
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = COLUMNS | OUTCOME_COLUMNS
@@ -97,7 +97,7 @@ def predicted(study: Study, conditions: Sequence[Condition]) -> Predicted:
 
     Args:
         study: the fit.
-        conditions: what is given in each, by column; see `bayestissue.hierarchy.levels`.
+        conditions: what is given in each, by column; see `bayestissue.model.hierarchy.levels`.
     """
     step = simulated_step(study.count, len(conditions))
     return _predicted(study, conditions, step, np.random.default_rng(_SCATTER))

@@ -24,10 +24,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.declarations import general
-from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
-from bayestissue.errors import Coded, InputError, Problem, all_of, printable
-from bayestissue.hierarchy.recorded import Recorded
+from bayestissue.base.declarations import general
+from bayestissue.base.errors import Coded, InputError, Problem, all_of, printable
+from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.answers.critical import ALONG
 from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import (
@@ -65,7 +64,8 @@ from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.results.tables import table_of_rows
+from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
+from bayestissue.model.hierarchy.recorded import Recorded
 
 FEWEST = 10
 

@@ -1,11 +1,11 @@
 """A finished fit at any conditions: the one evaluator of K, C, further parameters and outcomes.
 
 With the law of force that was fitted, parameters p and a motion (M, V) come to an outcome y(p, M, V).
-At given levels log p is the expected one (see `bayestissue.hierarchy.levels`); a new impact has the scatter
-from impact to impact besides, N(0, S), S with the spreads sd_impact_K, sd_impact_C and their correlation, and
-levels that are not given are new ones of their populations. All else that is said of levels is a selection:
-contrasts are differences of the log, people and levels are conditions, curves grids of them, predictions are
-of new impacts, and a question is a tree of them.
+At given levels log p is the expected one (see `bayestissue.model.hierarchy.levels`); a new impact has the
+scatter from impact to impact besides, N(0, S), S with the spreads sd_impact_K, sd_impact_C and their
+correlation, and levels that are not given are new ones of their populations. All else that is said of levels
+is a selection: contrasts are differences of the log, people and levels are conditions, curves grids of them,
+predictions are of new impacts, and a question is a tree of them.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool, Float
 
-from bayestissue.elements import REFERENCE_DIAMETER_M
-from bayestissue.elements.element import GRAVITY
-from bayestissue.elements.head_injury import HEADFORM
-from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, REFERENCE_OUTCOMES
-from bayestissue.errors import Coded
-from bayestissue.hierarchy import SIDE_BY_SIDE
-from bayestissue.hierarchy.effects import parameter_of, sd_impact
-from bayestissue.hierarchy.formulas.formula import reference_row
-from bayestissue.hierarchy.levels import log_at_levels
-from bayestissue.hierarchy.recorded import Condition, Recorded, label_of
+from bayestissue.base.errors import Coded
 from bayestissue.inference.answers.law import MET, Law, beyond, moving
 from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import element_alone
+from bayestissue.mechanics.elements import REFERENCE_DIAMETER_M
+from bayestissue.mechanics.elements.element import GRAVITY
+from bayestissue.mechanics.elements.head_injury import HEADFORM
+from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, REFERENCE_OUTCOMES
+from bayestissue.model.hierarchy import SIDE_BY_SIDE
+from bayestissue.model.hierarchy.effects import parameter_of, sd_impact
+from bayestissue.model.hierarchy.formulas.formula import reference_row
+from bayestissue.model.hierarchy.levels import log_at_levels
+from bayestissue.model.hierarchy.recorded import Condition, Recorded, label_of
 
 GROUPS = ("posterior", "prior", "constant_data")
 # Share of a trace's peak below which a discrepancy leaves an element's outcomes as they are.
@@ -93,7 +93,8 @@ class Study:
 
         Args:
             names: of responses, further parameters of the element, and outcomes.
-            conditions: what is given in each, by column; see `bayestissue.hierarchy.levels`. A height of fall
+            conditions: what is given in each, by column; see `bayestissue.model.hierarchy.levels`. A height
+            of fall
                 along gravity is a velocity.
             step: one draw of so many of each chain.
         """

@@ -13,10 +13,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import Population
-from bayestissue.hierarchy.specification import Sampler
-from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.base.padding import padded_impacts
 from bayestissue.inference.chain.moves import State, Steps, Tuning, Visited, transition
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd, constrained
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
@@ -25,7 +22,10 @@ from bayestissue.inference.chain.target import Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY
 from bayestissue.inference.execution.kept import all_kept, evenly_spaced, some_impacts, some_of
-from bayestissue.padding import padded_impacts
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.population import Population
+from bayestissue.model.hierarchy.specification import Sampler
+from bayestissue.model.hierarchy.trace_data import Prepared
 
 
 @partial(jax.jit, static_argnames="settings", compiler_options=FULLY)

@@ -51,10 +51,10 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Bool, Float, Int
 from numpyro.distributions import biject_to
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
-from bayestissue.likelihood import small
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.likelihood import small
 
 # Of the t that the walks of hyperparameters stand on: tails heavier than any posterior of theirs.
 FREEDOM = 6

@@ -11,14 +11,14 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import Hyperparameters, Population
-from bayestissue.hierarchy.traces import Hierarchy, hyperparameters_at
 from bayestissue.inference.chain.ending import Verdict
 from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.run import read_arrays, write_arrays
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import evenly_spaced
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.population import Hyperparameters, Population
+from bayestissue.model.hierarchy.traces import Hierarchy, hyperparameters_at
 
 # Draws of one call.
 DRAWS = 64

@@ -17,12 +17,12 @@ import jax
 import numpy as np
 from jax import Array
 
-from bayestissue import runtime
-from bayestissue.hierarchy.specification import Sampler
+from bayestissue.base import runtime
+from bayestissue.base.results import whole_file
 from bayestissue.inference.chain.ending import Verdict, look
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.samplers.convergence import Draws, convergence
-from bayestissue.results import whole_file
+from bayestissue.model.hierarchy.specification import Sampler
 
 Say = Callable[[str, int, int], None]
 

@@ -2,8 +2,8 @@
 
 The hyperparameters ψ have unconstrained coordinates y; b are the fixed and group effects, u each impact's
 parameters, and p(ψ, b, u, traces) = p(y) p(b | ψ) Π N(u; X b, D⁻¹) p(trace | u). It is the density of
-`bayestissue.hierarchy.traces.plain_model`, but that standard deviations below `LEAST` are left out: of a log
-that is no physics, and the algebra would lose its digits there.
+`bayestissue.model.hierarchy.traces.plain_model`, but that standard deviations below `LEAST` are left out: of
+a log that is no physics, and the algebra would lose its digits there.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.hierarchy.gaussian.arrangement import expected, expected_by_cell
-from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.effects import (
+from bayestissue.base.padding import bucket, padded_impacts
+from bayestissue.inference.execution.kept import all_kept, some_impacts
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.model.hierarchy.gaussian.arrangement import expected, expected_by_cell
+from bayestissue.model.hierarchy.gaussian.covariances import Covariances
+from bayestissue.model.hierarchy.gaussian.effects import (
     EffectsPosterior,
     SitesByCell,
     effects_from_standard,
     integrate_effects,
     standard_effects,
 )
-from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import (
+from bayestissue.model.hierarchy.gaussian.factor import Conditional, GaussianFactor
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import (
     TraceData,
     TraceModel,
     added_mass_of,
     hyperparameters_at,
     log_likelihood,
 )
-from bayestissue.inference.execution.kept import all_kept, some_impacts
-from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.padding import bucket, padded_impacts
 
 LEAST = 1e-4
 _MOST_CORRELATION = 1 - 1e-9

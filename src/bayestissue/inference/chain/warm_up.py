@@ -16,10 +16,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning, Visited
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.sites import DEEPEST, nearest_parabolas
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 
 # Where hyperparameters begin, and how far apart: a fifth of a prior's scale, give or take a few times.
 _BEGIN, _APART, _ROOT, _STEP = -1.5, 1.0, 0.5, 0.5

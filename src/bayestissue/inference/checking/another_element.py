@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from bayestissue.errors import InputError
-from bayestissue.hierarchy import SIDE_BY_SIDE
-from bayestissue.hierarchy.formulas.group_terms import quoted
-from bayestissue.hierarchy.recorded import Recorded
-from bayestissue.hierarchy.specification import ModelSpecification, specification_of
+from bayestissue.base.errors import InputError
+from bayestissue.base.outline import first_of
+from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import Finding, warned_codes
 from bayestissue.inference.checking.model_form import SMALL_P
-from bayestissue.outline import first_of
-from bayestissue.remedies import sentence
+from bayestissue.model.hierarchy import SIDE_BY_SIDE
+from bayestissue.model.hierarchy.formulas.group_terms import quoted
+from bayestissue.model.hierarchy.recorded import Recorded
+from bayestissue.model.hierarchy.specification import ModelSpecification, specification_of
 
 STIFFENS, DEPTH = "stiffening", "stiffening_depth_m"
 # Of the impacts at a level with a small p: the law holds there up to the one, and does not from the other on.

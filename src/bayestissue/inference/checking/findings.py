@@ -1,7 +1,7 @@
 """What checks find of a fit's draws, model and data, and the verdict that follows.
 
 An entry of ``diagnostics.json`` that has a ``code`` is a finding. What it says and how grave it is stands
-with its code in `bayestissue.remedies`.
+with its code in `bayestissue.base.remedies`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bayestissue.errors import Coded
+from bayestissue.base.errors import Coded
+from bayestissue.base.remedies import Code, headlines
 from bayestissue.inference.samplers.diagnostics import UNSETTLED, names_of_rows
-from bayestissue.remedies import Code, headlines
 
 # Notes of a summary's rows.
 NO_INTERVAL = Coded.stated("undescribed")
@@ -37,7 +37,7 @@ class Finding(NamedTuple):
     """What one check says of a fit.
 
     Attributes:
-        code: of its entry in `bayestissue.remedies`.
+        code: of its entry in `bayestissue.base.remedies`.
         passed: whether there is nothing to warn of.
         words: all that is said; empty where only rows are marked.
         first: what the first line of the fit says of it, if it is the gravest; empty of what is no news.

@@ -9,17 +9,17 @@ import xarray as xr
 from jaxtyping import Float
 from scipy.special import stdtrit
 
-from bayestissue.elements import element
-from bayestissue.hierarchy.effects import intercept, parameter_of
-from bayestissue.hierarchy.force import PreparedForce, tells_added_mass
-from bayestissue.hierarchy.reference import HALF_WIDTH, Reference
-from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.base.outline import first_of
+from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import ALL_ROWS, Finding
 from bayestissue.inference.checking.model_form import NAMED, SMALL_P
 from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
-from bayestissue.outline import first_of
-from bayestissue.remedies import sentence
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.effects import intercept, parameter_of
+from bayestissue.model.hierarchy.force import PreparedForce, tells_added_mass
+from bayestissue.model.hierarchy.reference import HALF_WIDTH, Reference
+from bayestissue.model.hierarchy.trace_data import Prepared
 
 # Of standard deviations, beyond which a force, or phantoms, contradict what is declared: once in 370.
 _LIMIT = 3.0

@@ -27,10 +27,8 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy import SIDE_BY_SIDE
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_likelihood, with_normal_errors
+from bayestissue.base.outline import first_of
+from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking import incredible
 from bayestissue.inference.checking.findings import ALL_ROWS, Finding
 from bayestissue.inference.checking.incredible import Groups, Pattern
@@ -39,8 +37,10 @@ from bayestissue.inference.execution.compiling import by_row, padded
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.expansions import expanded, first_guess, rows_of
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
-from bayestissue.outline import first_of
-from bayestissue.remedies import sentence
+from bayestissue.model.hierarchy import SIDE_BY_SIDE
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import TraceData, TraceModel, trace_likelihood, with_normal_errors
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.

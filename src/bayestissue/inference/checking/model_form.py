@@ -19,15 +19,15 @@ from jax import Array
 from jaxtyping import Float
 from scipy.stats import binom, combine_pvalues
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData
+from bayestissue.base.outline import first_of
+from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import ALL_ROWS, OF_K, Finding
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
-from bayestissue.outline import first_of
-from bayestissue.remedies import sentence
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import TraceData
 
 # An impact's p-value that is counted.
 SMALL_P = 0.01

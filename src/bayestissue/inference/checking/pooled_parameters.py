@@ -9,16 +9,16 @@ import xarray as xr
 from jaxtyping import Float, Int
 from scipy.stats import f
 
-from bayestissue.declarations import general
-from bayestissue.elements.element import Element
-from bayestissue.errors import Coded
-from bayestissue.hierarchy.effects import RESPONSES, parameter_of, sd_impact
-from bayestissue.hierarchy.formulas.group_terms import GroupTerm, grouping_of, labels_of
-from bayestissue.hierarchy.levels import log_at_levels
-from bayestissue.hierarchy.recorded import Condition, Recorded
+from bayestissue.base.declarations import general
+from bayestissue.base.errors import Coded
+from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.execution.kept import some_impacts
-from bayestissue.remedies import sentence
+from bayestissue.mechanics.elements.element import Element
+from bayestissue.model.hierarchy.effects import RESPONSES, parameter_of, sd_impact
+from bayestissue.model.hierarchy.formulas.group_terms import GroupTerm, grouping_of, labels_of
+from bayestissue.model.hierarchy.levels import log_at_levels
+from bayestissue.model.hierarchy.recorded import Condition, Recorded
 
 
 class Pooled(NamedTuple):

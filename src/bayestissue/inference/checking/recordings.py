@@ -11,17 +11,17 @@ import pandas as pd
 from jaxtyping import Bool, Float
 from scipy.stats import norm
 
-from bayestissue.dataset.settings import STANDARD_GRAVITY, ChannelSettings
-from bayestissue.declarations import general
-from bayestissue.errors import Coded, codes_of
-from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.base.declarations import general
+from bayestissue.base.errors import Coded, codes_of
+from bayestissue.base.outline import first_of
+from bayestissue.base.remedies import entries, sentence
 from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.checking.model_form import NAMED
-from bayestissue.outline import first_of
-from bayestissue.remedies import entries, sentence
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY, ChannelSettings
 
 if TYPE_CHECKING:
-    from bayestissue.dataset import Dataset
+    from bayestissue.recordings.dataset import Dataset
 
 # So many sound impacts at most have a sample that noise takes beyond the limit: of a thousand, one dataset in
 # a hundred.

@@ -11,11 +11,11 @@ from jaxtyping import Float, Int
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
-from bayestissue.hierarchy.design import Design, ResponseDesign
-from bayestissue.hierarchy.effects import RESPONSES, sd_impact
+from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.execution.kept import some_impacts
-from bayestissue.remedies import sentence
+from bayestissue.model.hierarchy.design import Design, ResponseDesign
+from bayestissue.model.hierarchy.effects import RESPONSES, sd_impact
 
 # Of a fit of straight lines one in a thousand is noted.
 _BY_CHANCE = 0.001

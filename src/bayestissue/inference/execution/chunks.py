@@ -10,9 +10,9 @@ import jax
 import numpy as np
 from jaxtyping import Int
 
-from bayestissue import runtime
-from bayestissue.hierarchy.traces import TraceData
+from bayestissue.base import runtime
 from bayestissue.inference.execution.workers import cluster, computed
+from bayestissue.model.hierarchy.traces import TraceData
 
 BLOCK = 512
 # With fewer blocks a second process takes longer to begin than it saves.

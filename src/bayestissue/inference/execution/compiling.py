@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue.padding import padded_impacts
+from bayestissue.base.padding import padded_impacts
 
 Function = Callable[..., Any]
 # XLA spends most of a compilation on making the result fast. Level 1 compiles in a fifth less time and its
@@ -75,8 +75,9 @@ def by_row(
 def padded(*axes: int | None) -> Callable[[Function], Function]:
     """Makes a compiled function of (model, data, ...) one of any number of impacts.
 
-    It is called with a `bayestissue.padding.bucket` of impacts and of samples, and without the population's
-    design; what it returns is cut to the impacts again, along the first of the axes that are named.
+    It is called with a `bayestissue.base.padding.bucket` of impacts and of samples, and without the
+    population's design; what it returns is cut to the impacts again, along the first of the axes that are
+    named.
 
     Args:
         axes: along which impacts lie in each argument after the data; None of one that has none.

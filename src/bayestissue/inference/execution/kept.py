@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
-from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.trace_data import Prepared
 
 # Up to so many impacts everything is kept of each. Of more everything is kept of so many of them, and of each
 # `IMPACT_DRAWS` draws in single precision: the ends of its 90 % interval are then unsure by 0.1 of its sd.

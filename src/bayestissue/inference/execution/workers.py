@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
-from bayestissue import runtime
-from bayestissue.errors import InputError, Problem
+from bayestissue.base import runtime
+from bayestissue.base.errors import InputError, Problem
 
 # Workers that die this often without an item done between are no accident.
 _DEATHS = 5

@@ -1,7 +1,7 @@
 """Conditional priors N(X b, D^-1) of impacts' parameters, of any number of draws of the population.
 
 With the sites they give normals to draw from and each trace's evidence. The algebra is that of
-`bayestissue.hierarchy.gaussian.factor`; parameters are on the last axis.
+`bayestissue.model.hierarchy.gaussian.factor`; parameters are on the last axis.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
-from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
-from bayestissue.hierarchy.population import Population
-from bayestissue.hierarchy.traces import TraceModel
 from bayestissue.inference.execution.compiling import by_row
+from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
+from bayestissue.model.hierarchy.gaussian.factor import Conditional, GaussianFactor
+from bayestissue.model.hierarchy.population import Population
+from bayestissue.model.hierarchy.traces import TraceModel
 
 # Draws of one call.
 DRAWS = 64
@@ -49,7 +49,7 @@ class Normals(NamedTuple):
     """Where the population and the sites put impacts' parameters, of one or more draws of the population.
 
     Attributes:
-        conditional: of the parameters, see `bayestissue.hierarchy.gaussian.factor`.
+        conditional: of the parameters, see `bayestissue.model.hierarchy.gaussian.factor`.
         prior_mean: X b, parameters first.
     """
 

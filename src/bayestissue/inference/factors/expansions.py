@@ -8,16 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.elements import element
-from bayestissue.hierarchy.force import tells_added_mass
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, with_normal_errors
 from bayestissue.inference.execution.chunks import Progress, map_impacts, silent
 from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.points.fit import PointFit, fit_points
-from bayestissue.signal import Displacements
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.force import tells_added_mass
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import TraceData, TraceModel, with_normal_errors
+from bayestissue.recordings.signal import Displacements
 
 # What keeps artanh theta1 finite.
 _NEAREST = 0.99

@@ -11,8 +11,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood
 from bayestissue.inference.execution.compiling import by_row, padded
+from bayestissue.model.hierarchy.traces import TraceData, TraceModel, log_likelihood
 
 # Points of one call.
 POINTS = 64

@@ -18,16 +18,16 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
 
-from bayestissue.hierarchy.traces import (
+from bayestissue.inference.execution.compiling import compiled_quickly, padded
+from bayestissue.inference.points.whiteness import projected_portmanteau
+from bayestissue.model.hierarchy.traces import (
     TraceData,
     TraceModel,
     impact_likelihood,
     of_the_element,
     with_contact_at,
 )
-from bayestissue.inference.execution.compiling import compiled_quickly, padded
-from bayestissue.inference.points.whiteness import projected_portmanteau
-from bayestissue.likelihood.channels import whitened
+from bayestissue.model.likelihood.channels import whitened
 
 
 def noise_p(

@@ -20,19 +20,19 @@ from jax import Array
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.group_terms import Grouping, stem_of
-from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
-from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.effects import SitesByCell
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import MASS_ERROR, Population
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel, sites_by_cell
+from bayestissue.base.padding import bucket
 from bayestissue.inference.execution.compiling import by_row, in_parts
 from bayestissue.inference.factors.conditional import conditional_priors, log_evidence
-from bayestissue.padding import bucket
+from bayestissue.model.hierarchy.design import Design
+from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.formulas.group_terms import Grouping, stem_of
+from bayestissue.model.hierarchy.gaussian.arrangement import expected_by_cell
+from bayestissue.model.hierarchy.gaussian.covariances import Covariances
+from bayestissue.model.hierarchy.gaussian.effects import SitesByCell
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.population import MASS_ERROR, Population
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import TraceModel, sites_by_cell
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64

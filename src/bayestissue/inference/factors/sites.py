@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.traces import TraceData, TraceModel
 
 ITERATIONS = 60
 # By how much an expansion may exceed its value at the centre, along one axis. One of too little curvature, or

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.impacts import of_phantoms
-from bayestissue.errors import Coded, by_impact, codes_of
+from bayestissue.base.errors import Coded, by_impact, codes_of
 from bayestissue.inference.points.fit import Column, fit_points
 from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,
@@ -24,13 +23,14 @@ from bayestissue.inference.points.notes import (
     TOO_DEEP,
     UNUSED,
 )
-from bayestissue.oscillator import peak_displacement
-from bayestissue.signal import Displacements
-from bayestissue.signal.displacement import FEWEST_SAMPLES
-from bayestissue.signal.quality import Findings, raised
+from bayestissue.mechanics.oscillator import peak_displacement
+from bayestissue.recordings.dataset.impacts import of_phantoms
+from bayestissue.recordings.signal import Displacements
+from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
+from bayestissue.recordings.signal.quality import Findings, raised
 
 if TYPE_CHECKING:
-    from bayestissue.dataset import Dataset
+    from bayestissue.recordings.dataset import Dataset
 
 # Past these a trace of one loading tells K and C apart no more: one of the two forces rules alone.
 ZETA_LIMITS = (0.005, 5.0)
@@ -60,7 +60,7 @@ def thesis_table(dataset: Dataset, signal: Displacements, findings: Findings) ->
     Args:
         dataset: the recordings.
         signal: what was made of them, as in the thesis (section 2.2) by the trapezoidal rule.
-        findings: what `bayestissue.signal.quality.inspect` found; flagged.
+        findings: what `bayestissue.recordings.signal.quality.inspect` found; flagged.
     """
     rows = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.clipped.any(axis=1)
     # Deviations from the mean of the window (section 2.3).

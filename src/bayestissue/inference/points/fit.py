@@ -10,11 +10,11 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Num
 
+from bayestissue.base.padding import bucket
 from bayestissue.inference.execution.compiling import FULLY, compiled_quickly, in_parts
 from bayestissue.inference.points.profile import fit_conditional
-from bayestissue.likelihood.transforms import FILLED
-from bayestissue.oscillator import arccos_branch, from_differences, spring_damper
-from bayestissue.padding import bucket
+from bayestissue.mechanics.oscillator import arccos_branch, from_differences, spring_damper
+from bayestissue.model.likelihood.transforms import FILLED
 
 Column = Float[np.ndarray, " impact"]
 BATCH = 256

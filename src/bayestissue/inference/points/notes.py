@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from bayestissue.errors import Coded
-from bayestissue.outline import counted
-from bayestissue.remedies import codes_in, entries
+from bayestissue.base.errors import Coded
+from bayestissue.base.outline import counted
+from bayestissue.base.remedies import codes_in, entries
 
 if TYPE_CHECKING:
     import pandas as pd

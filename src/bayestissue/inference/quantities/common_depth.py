@@ -12,9 +12,9 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.elements.element import REFERENCE_DIAMETER_M, Element, Parameters
 from bayestissue.inference.quantities.whole import Whole
-from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M, Element, Parameters
+from bayestissue.model.likelihood.element.impact import MeasuredImpact
 
 
 def static_force(element: Element, p: Parameters, depth: Array) -> Array:

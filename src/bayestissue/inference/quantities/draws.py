@@ -14,11 +14,7 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
-from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
-from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.population import Population, shared_mass_errors
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model
+from bayestissue.base.padding import padded_impacts, padded_rows
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly, padded
 from bayestissue.inference.execution.kept import all_kept
@@ -34,7 +30,11 @@ from bayestissue.inference.quantities.masses import (
     of_heavier_impactors,
     own_log_factor,
 )
-from bayestissue.padding import padded_impacts, padded_rows
+from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
+from bayestissue.model.hierarchy import derived
+from bayestissue.model.hierarchy.population import Population, shared_mass_errors
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import TraceData, TraceModel, impacts_model
 
 PRIOR_DRAWS = 1000
 # Of the rows of a block and its impacts' parameters: the errors of log mass, and a key of each draw.

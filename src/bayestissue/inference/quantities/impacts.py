@@ -15,11 +15,13 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float
 
-from bayestissue.elements import Element, Outcomes, element, element_names
-from bayestissue.elements.element import GRAVITY, inertia
-from bayestissue.elements.outcomes import HEADFORM_OUTCOMES, MEASURED, outcomes_of
-from bayestissue.hierarchy import SIDE_BY_SIDE
-from bayestissue.hierarchy.traces import (
+from bayestissue.inference.quantities.common_depth import at_common_depth, whole_at_common_depth
+from bayestissue.inference.quantities.whole import Whole, whole_impact
+from bayestissue.mechanics.elements import Element, Outcomes, element, element_names
+from bayestissue.mechanics.elements.element import GRAVITY, inertia
+from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, MEASURED, outcomes_of
+from bayestissue.model.hierarchy import SIDE_BY_SIDE
+from bayestissue.model.hierarchy.traces import (
     Physical,
     TraceData,
     TraceModel,
@@ -28,10 +30,8 @@ from bayestissue.hierarchy.traces import (
     physical,
     trace_likelihood,
 )
-from bayestissue.inference.quantities.common_depth import at_common_depth, whole_at_common_depth
-from bayestissue.inference.quantities.whole import Whole, whole_impact
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.record import CONTACT, DecelerationRecord
+from bayestissue.model.likelihood.element.impact import MeasuredImpact
+from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
 
 # Of elements whose stiffness depends on depth, and of any with a discrepancy.
 COMMON_DEPTH = "K_common_depth"

@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.quantities.impacts import COMMON_DEPTH
+from bayestissue.model.hierarchy.design import Design
+from bayestissue.model.hierarchy.formulas.group_terms import stem_of
+from bayestissue.model.hierarchy.trace_data import Prepared
 
 # By what it is called: what of an impact it is the exponent of.
 EXPONENTS = {f"mass_exponent_{COMMON_DEPTH}": COMMON_DEPTH, "mass_exponent_K_secant": "K_secant"}

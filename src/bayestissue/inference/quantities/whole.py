@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.elements.element import inertia
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import motion
+from bayestissue.mechanics.elements.element import inertia
+from bayestissue.model.likelihood.element.impact import MeasuredImpact
+from bayestissue.model.likelihood.element.response import motion
 
 
 class Whole(NamedTuple):

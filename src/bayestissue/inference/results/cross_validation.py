@@ -16,10 +16,10 @@ import xarray as xr
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from bayestissue.errors import Coded
+from bayestissue.base.errors import Coded
+from bayestissue.base.results.tables import joined
 from bayestissue.inference.samplers.convergence import effective_size, elements_of
 from bayestissue.inference.samplers.psis import k_threshold
-from bayestissue.results.tables import joined
 
 
 def above_limit(score: Any) -> Coded:

@@ -15,16 +15,16 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import (
+from bayestissue.inference.execution.compiling import compiled_quickly, padded
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import (
     TraceData,
     TraceModel,
     impact_likelihood,
     trace_likelihood,
     with_contact_at,
 )
-from bayestissue.inference.execution.compiling import compiled_quickly, padded
-from bayestissue.likelihood.channels import whitened
+from bayestissue.model.likelihood.channels import whitened
 
 NOISE, ELEMENT = "noise", "element"
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.

@@ -8,14 +8,14 @@ from types import MappingProxyType
 import numpy as np
 import xarray as xr
 
-from bayestissue.declarations import declared
-from bayestissue.elements import element, element_names
-from bayestissue.elements.outcomes import DECLARED
-from bayestissue.hierarchy.derived import effect_dimensions
-from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.effects import intercept
-from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, common_coefficient, stem_of
+from bayestissue.base.declarations import declared
 from bayestissue.inference.results.meanings import NAMES, UNITS, meaning
+from bayestissue.mechanics.elements import element, element_names
+from bayestissue.mechanics.elements.outcomes import DECLARED
+from bayestissue.model.hierarchy.derived import effect_dimensions
+from bayestissue.model.hierarchy.design import Design
+from bayestissue.model.hierarchy.effects import intercept
+from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, common_coefficient, stem_of
 
 STIFFNESS, DAMPING = UNITS.values()
 _OF = ("cell", "subject", "trial", "new", "typical_person")

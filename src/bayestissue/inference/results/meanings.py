@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Container, Hashable, Mapping, Sequence
 from typing import NamedTuple
 
-from bayestissue.elements.outcomes import DECLARED, OUTCOMES, REFERENCE_OUTCOMES
-from bayestissue.errors import Coded
+from bayestissue.base.errors import Coded
+from bayestissue.mechanics.elements.outcomes import DECLARED, OUTCOMES, REFERENCE_OUTCOMES
 
 QUANTITIES = ("K", "C")
 NAMES = {"K": "stiffness K", "C": "damping C"}

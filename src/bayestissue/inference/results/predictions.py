@@ -9,12 +9,12 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_likelihood
 from bayestissue.inference.execution.compiling import by_row, padded
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.quantities.draws import Draws
 from bayestissue.inference.samplers.sampling import flat, in_chains
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import TraceData, TraceModel, trace_likelihood
 
 PREDICTIVE_DRAWS, PRIOR_PREDICTIVE_DRAWS = 100, 50
 # Steps of a replicate, in what its noise differs by from sample to sample: they add 1e-5 to its variance.
@@ -67,7 +67,7 @@ def replicates(
 def _replicates(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
 ) -> dict[str, Float[Array, "impact sample"]]:
-    """The same with as many samples as a `bayestissue.padding.bucket` holds."""
+    """The same with as many samples as a `bayestissue.base.padding.bucket` holds."""
     replicate = trace_likelihood(model, data, list(u.T)).replicate(key)
     # Else the noise is made anew for every part of the row that is written: three times as long.
     return jax.lax.optimization_barrier(replicate)

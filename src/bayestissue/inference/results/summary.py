@@ -9,9 +9,9 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.samplers.convergence import convergence, elements_of
 from bayestissue.inference.samplers.sampling import quantiles
-from bayestissue.results.tables import columns_of
 
 QUANTILES = {"eti50_low": 0.25, "eti50_high": 0.75, "eti90_low": 0.05, "eti90_high": 0.95, "median": 0.5}
 # Where an interval is none, a note is added later.

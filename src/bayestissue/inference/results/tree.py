@@ -11,13 +11,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.dataset.impacts import RESERVED
-from bayestissue.elements.element import GRAVITY
-from bayestissue.elements.head_injury import HEADFORM
-from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared, common_depth
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.quantities.draws import Draws, prior_draws, quantities
@@ -32,6 +25,13 @@ from bayestissue.inference.results.labels import (
     of_one_person,
 )
 from bayestissue.inference.results.predictions import PRIOR_PREDICTIVE_DRAWS, predicted, replicates
+from bayestissue.mechanics.elements.element import GRAVITY
+from bayestissue.mechanics.elements.head_injury import HEADFORM
+from bayestissue.model.hierarchy.design import Design
+from bayestissue.model.hierarchy.formulas.group_terms import stem_of
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.trace_data import Prepared, common_depth
+from bayestissue.recordings.dataset.impacts import RESERVED
 
 
 def posterior_tree(

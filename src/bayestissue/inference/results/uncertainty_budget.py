@@ -20,14 +20,7 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.derived import typical_covariates, typical_logs
-from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
-from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.population import MASS_ERROR, Hyperparameters
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel
+from bayestissue.base.results.tables import joined, table_of_rows
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.quantities.draws import Draws
@@ -37,7 +30,14 @@ from bayestissue.inference.results.errors import (
     NOISE,
     trace_errors,
 )
-from bayestissue.results.tables import joined, table_of_rows
+from bayestissue.model.hierarchy.derived import typical_covariates, typical_logs
+from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, TRIAL
+from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
+from bayestissue.model.hierarchy.gaussian.covariances import Covariances
+from bayestissue.model.hierarchy.population import MASS_ERROR, Hyperparameters
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import TraceModel
 
 type Variance = float | Float[np.ndarray, " impact"]
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.errors import Coded
+from bayestissue.base.errors import Coded
+from bayestissue.base.remedies import sentence
 from bayestissue.inference.samplers.convergence import let_pass
-from bayestissue.remedies import sentence
 
 R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400

@@ -9,15 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from jaxtyping import Bool
 
-from bayestissue.dataset import as_dataset
-from bayestissue.dataset.impacts import of_phantoms
-from bayestissue.elements.head_injury import LONGEST
-from bayestissue.elements.outcomes import DECLARED, HEADFORM_OUTCOMES, NEVER
-from bayestissue.errors import Coded, InputError
-from bayestissue.hierarchy.combinations import unsuited
-from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.specification import Formulas, read_specification
-from bayestissue.hierarchy.trace_data import Prepared, assemble, facts_of
+from bayestissue.base.errors import Coded, InputError
+from bayestissue.base.resources import shared
 from bayestissue.inference.checking.findings import PEAK_MISSED
 from bayestissue.inference.checking.recordings import missed_peaks
 from bayestissue.inference.execution.kept import some_of
@@ -45,16 +38,23 @@ from bayestissue.inference.points.notes import (
 from bayestissue.inference.results.labels import outcome_column
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
-from bayestissue.oscillator import spring_damper_inverse, to_discrete
-from bayestissue.resources import shared
-from bayestissue.signal import Displacements, SignalOptions, displacements
-from bayestissue.signal.displacement import FEWEST_SAMPLES
-from bayestissue.signal.quality import Findings, inspect
+from bayestissue.mechanics.elements.head_injury import LONGEST
+from bayestissue.mechanics.elements.outcomes import DECLARED, HEADFORM_OUTCOMES, NEVER
+from bayestissue.mechanics.oscillator import spring_damper_inverse, to_discrete
+from bayestissue.model.hierarchy.combinations import unsuited
+from bayestissue.model.hierarchy.design import build_design
+from bayestissue.model.hierarchy.specification import Formulas, read_specification
+from bayestissue.model.hierarchy.trace_data import Prepared, assemble, facts_of
+from bayestissue.recordings.dataset import as_dataset
+from bayestissue.recordings.dataset.impacts import of_phantoms
+from bayestissue.recordings.signal import Displacements, SignalOptions, displacements
+from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
+from bayestissue.recordings.signal.quality import Findings, inspect
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bayestissue.dataset import Dataset
+    from bayestissue.recordings.dataset import Dataset
 
 Method = Literal["impact", "dds"]
 Say = Callable[[str, int, int], None]
@@ -76,7 +76,8 @@ _FURTHER = (
 )
 # An interval whose ends are this many times apart leaves the order of magnitude open.
 _DECADE = 10.0
-# A flag may be raised on one sound recording of a thousand, as in `bayestissue.signal.quality.inspect`.
+# A flag may be raised on one sound recording of a thousand, as in
+# `bayestissue.recordings.signal.quality.inspect`.
 _STRUCTURED_BY_CHANCE = 0.001
 
 
@@ -114,7 +115,7 @@ def by_impact(
     Args:
         dataset: the recordings.
         signal: what was made of them.
-        findings: what `bayestissue.signal.quality.inspect` found; flagged.
+        findings: what `bayestissue.recordings.signal.quality.inspect` found; flagged.
         say: as of `estimate`.
 
     Raises:

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.impacts import REFERENCE, of_phantoms, session_column
-from bayestissue.errors import InputError, Problem, along_with, refuse
-from bayestissue.hierarchy.reference import HALF_WIDTH, Reference, mass_factor, with_declared
-from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.base.errors import InputError, Problem, along_with, refuse
 from bayestissue.inference.single.estimates import estimate
+from bayestissue.model.hierarchy.reference import HALF_WIDTH, Reference, mass_factor, with_declared
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.recordings.dataset.impacts import REFERENCE, of_phantoms, session_column
 
 # No mass is wrong by such a factor: a unit is.
 _FAR = 10.0
 
 if TYPE_CHECKING:
-    from bayestissue.dataset import Dataset
-    from bayestissue.hierarchy.specification import ModelSpecification
+    from bayestissue.model.hierarchy.specification import ModelSpecification
+    from bayestissue.recordings.dataset import Dataset
 
 
 def apart(dataset: Dataset) -> tuple[Dataset, Reference | None]:

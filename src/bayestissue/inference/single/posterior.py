@@ -22,16 +22,6 @@ from jaxtyping import Bool, Float
 from scipy.special import ndtr, softmax
 from scipy.stats import chi2, norm, qmc
 
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import (
-    CONTACT,
-    TraceData,
-    TraceModel,
-    impact_likelihood,
-    physical,
-    with_normal_errors,
-)
 from bayestissue.inference.execution.chunks import BLOCK, map_impacts
 from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.inference.execution.workers import cluster
@@ -45,6 +35,16 @@ from bayestissue.inference.quantities.draws import recorded_outcomes
 from bayestissue.inference.quantities.masses import DRAWS
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.inference.samplers.sampling import quantiles
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.traces import (
+    CONTACT,
+    TraceData,
+    TraceModel,
+    impact_likelihood,
+    physical,
+    with_normal_errors,
+)
 
 POINTS = 1024
 # Between two words of progress: as many as are computed at once.
@@ -99,7 +99,8 @@ class SinglePosteriors(NamedTuple):
         omega_n: natural frequency [rad/s].
         zeta: damping ratio.
         sigma: standard deviation of the recorder's noise [m/s^2], or of a displacement's shocks [m].
-        outcomes: what the impact came to, by the names of `bayestissue.elements.outcomes.HEADFORM_OUTCOMES`,
+        outcomes: what the impact came to, by the names of
+        `bayestissue.mechanics.elements.outcomes.HEADFORM_OUTCOMES`,
             of a headform all of them; empty of displacements.
         parameters: medians of log K, log C and the noise's parameters, K and C at the recorded mass.
         residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the

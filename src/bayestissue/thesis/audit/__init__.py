@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.audit import estimates, people, printed, reasoning
 from bayestissue.thesis.audit.findings import (
     Check,

@@ -16,8 +16,8 @@ from statsmodels.robust.norms import TukeyBiweight
 from statsmodels.robust.robust_linear_model import RLM
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
-from bayestissue.oscillator import peak_displacement, time_to_peak
-from bayestissue.signal.integration import trapezoids
+from bayestissue.mechanics.oscillator import peak_displacement, time_to_peak
+from bayestissue.recordings.signal.integration import trapezoids
 from bayestissue.thesis.audit.findings import Impacts, Numbers, number_list
 
 # Of a made-up blow.

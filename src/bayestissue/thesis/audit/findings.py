@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayestissue.dataset.published import PublishedTables
-from bayestissue.declarations import declared
+from bayestissue.base.declarations import declared
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction import reproduce_published
 from bayestissue.thesis.reproduction.agreement import decimals
 from bayestissue.thesis.reproduction.conditions import Quantity, conditions

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.published import PublishedTables
-from bayestissue.declarations import sentences
-from bayestissue.figures import study
-from bayestissue.figures.impacts import MASS, axis_title, over_mass
-from bayestissue.figures.intervals import intervals, quantiles
-from bayestissue.figures.theme import Figure, number
+from bayestissue.base.declarations import sentences
 from bayestissue.inference.results.meanings import COLUMNS, NAMES
-from bayestissue.report.posterior import mass_curve
+from bayestissue.recordings.dataset.published import PublishedTables
+from bayestissue.reports.figures import study
+from bayestissue.reports.figures.impacts import MASS, axis_title, over_mass
+from bayestissue.reports.figures.intervals import intervals, quantiles
+from bayestissue.reports.figures.theme import Figure, number
+from bayestissue.reports.pages.posterior import mass_curve
 from bayestissue.thesis.pages.published_run import PublishedRun
 from bayestissue.thesis.reproduction.conditions import Quantity, conditions
 from bayestissue.thesis.reproduction.relations import correlation_figure, printed_line, straight_line

@@ -9,15 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from bayestissue.dataset.published import read_published
-from bayestissue.figures.theme import Figure
+from bayestissue.base.remedies import Code, codes_in
 from bayestissue.inference.checking.findings import warned_codes
-from bayestissue.remedies import Code, codes_in
-from bayestissue.report import posterior
-from bayestissue.report.comparison import comparison_figure
-from bayestissue.report.page import render_page, worded
-from bayestissue.report.posterior import CONSTANT, FIXED, QUANTITIES, SURE, exponent, hypothesis_probability
-from bayestissue.report.wording import listed, percent, relative
+from bayestissue.recordings.dataset.published import read_published
+from bayestissue.reports.figures.theme import Figure
+from bayestissue.reports.pages import posterior
+from bayestissue.reports.pages.comparison import comparison_figure
+from bayestissue.reports.pages.page import render_page, worded
+from bayestissue.reports.pages.posterior import (
+    CONSTANT,
+    FIXED,
+    QUANTITIES,
+    SURE,
+    exponent,
+    hypothesis_probability,
+)
+from bayestissue.reports.pages.wording import listed, percent, relative
 from bayestissue.thesis.audit.findings import TEXTS
 from bayestissue.thesis.pages import published_figures, published_run
 from bayestissue.thesis.pages.published_run import PublishedRun, read_published_run

@@ -11,18 +11,18 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.base.results import read_tables
 from bayestissue.inference.results.meanings import UNITS
-from bayestissue.report.posterior import QUANTITIES, spread
-from bayestissue.report.run_folder import (
+from bayestissue.reports.pages.posterior import QUANTITIES, spread
+from bayestissue.reports.pages.run_folder import (
     POSTERIOR_TABLES,
     PosteriorRun,
     read_groups,
     read_json,
     require_files,
 )
-from bayestissue.report.tables import Field, Row, Table, columns, shown, tag
-from bayestissue.report.wording import listed, significant
-from bayestissue.results import read_tables
+from bayestissue.reports.pages.tables import Field, Row, Table, columns, shown, tag
+from bayestissue.reports.pages.wording import listed, significant
 from bayestissue.thesis.reproduction.conditions import Quantity
 
 _TABLES = (*POSTERIOR_TABLES, "reproduction", "audit", "comparison", "predictive_checks")

@@ -14,11 +14,6 @@ import xarray as xr
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.derived import effects_by_name
-from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.results.cross_validation import prior_sensitivity
@@ -29,6 +24,11 @@ from bayestissue.inference.results.labels import (
 )
 from bayestissue.inference.results.summary import summarise
 from bayestissue.inference.samplers.diagnostics import diagnose
+from bayestissue.model.hierarchy import derived
+from bayestissue.model.hierarchy.derived import effects_by_name
+from bayestissue.model.hierarchy.design import Design
+from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.thesis.reanalysis.explanations import compare_explanations
 from bayestissue.thesis.reanalysis.model import EstimatesModel, common_effects, estimates_data
 from bayestissue.thesis.reanalysis.observations import PublishedObservations, average_and_sd, published_design

@@ -11,10 +11,10 @@ import xarray as xr
 from jaxtyping import Bool, Float
 from scipy.special import logsumexp
 
-from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference import comparing
 from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
+from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.thesis.reanalysis.model import EstimatesData, EstimatesModel, without
 from bayestissue.thesis.reanalysis.posterior import (
     EstimatesPosterior,

@@ -23,20 +23,25 @@ import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Bool, Float
 
-from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected, expected_by_cell
-from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.effects import (
+from bayestissue.model.hierarchy.design import Design
+from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.gaussian.arrangement import (
+    PopulationDesign,
+    arrange,
+    expected,
+    expected_by_cell,
+)
+from bayestissue.model.hierarchy.gaussian.covariances import Covariances
+from bayestissue.model.hierarchy.gaussian.effects import (
     EffectsPosterior,
     integrate_effects,
     log_density_of_cells,
 )
-from bayestissue.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.hierarchy.population import EffectPart, EffectParts, effects_of
-from bayestissue.hierarchy.priors import Priors
-from bayestissue.hierarchy.traces import Hierarchy, hyperparameters_at, sample_hyperparameters
-from bayestissue.likelihood import small
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.population import EffectPart, EffectParts, effects_of
+from bayestissue.model.hierarchy.priors import Priors
+from bayestissue.model.hierarchy.traces import Hierarchy, hyperparameters_at, sample_hyperparameters
+from bayestissue.model.likelihood import small
 from bayestissue.thesis.reanalysis.observations import (
     AveragesOfLognormals,
     PublishedObservations,

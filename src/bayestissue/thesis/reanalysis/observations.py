@@ -15,11 +15,11 @@ from jaxtyping import Array, Float
 from numpyro.distributions import constraints
 from numpyro.distributions.util import validate_sample
 
-from bayestissue.dataset.published import PublishedTables
-from bayestissue.hierarchy.design import Design, build_design
-from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.likelihood import small
+from bayestissue.model.hierarchy.design import Design, build_design
+from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.model.likelihood import small
+from bayestissue.recordings.dataset.published import PublishedTables
 
 REPLICATES = 20_000
 SPREADS = np.geomspace(0.005, 3.0, 40)

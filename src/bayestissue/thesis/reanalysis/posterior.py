@@ -17,8 +17,6 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.effects import effects_from_standard
-from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.chain.ending import Verdict
 from bayestissue.inference.chain.moves import FREEDOM, StudentT, WalkNumbers, followed, walk
 from bayestissue.inference.chain.results import constrained
@@ -28,6 +26,8 @@ from bayestissue.inference.chain.warm_up import nearest_t, walk_start
 from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.inference.samplers.sampling import flat, in_chains
+from bayestissue.model.hierarchy.gaussian.effects import effects_from_standard
+from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.thesis.reanalysis.model import (
     Densities,
     EstimatesData,

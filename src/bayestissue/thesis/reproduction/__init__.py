@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import pandas as pd
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.claims import claim_lines
 from bayestissue.thesis.reproduction.conditions import summary_lines
 from bayestissue.thesis.reproduction.relations import correlation_lines, regression_lines, stepwise_lines

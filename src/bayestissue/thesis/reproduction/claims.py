@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.agreement import (
     Line,
     Recomputed,

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line_of
 
 Quantity = Literal["K", "C"]

@@ -12,7 +12,7 @@ from scipy import stats
 from statsmodels.regression.linear_model import OLS
 from statsmodels.tools.tools import add_constant
 
-from bayestissue.dataset.published import PublishedTables
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line, line_of
 from bayestissue.thesis.reproduction.conditions import (
     NEVER_TABULATED,

@@ -1,1 +1,0 @@
-"""One module an element. A new one is found here by itself: see `bayestissue.elements.element.Element`."""

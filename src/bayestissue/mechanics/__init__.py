@@ -1,0 +1,1 @@
+"""What an impactor meets: oscillators in closed form, elements by their force laws, outcomes of a motion."""

@@ -1,0 +1,182 @@
+"""What an impact comes to: stiffness, damping and loss that mean the same for every element, and peaks."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+from jaxtyping import Float
+
+from bayestissue.base.declarations import declared
+from bayestissue.mechanics.elements.element import (
+    GRAVITY,
+    Collision,
+    Element,
+    Outcomes,
+    Parameters,
+    complete,
+    falling,
+    impactor_share,
+    inertia,
+)
+from bayestissue.mechanics.elements.head_injury import LONGEST, SEARCH, head_injury, pulse_of
+from bayestissue.mechanics.elements.impact import LONG, Path, prepared
+from bayestissue.mechanics.elements.registry import element as named
+
+
+class Outcome(NamedTuple):
+    """What is said of an outcome beside its number: an entry of ``outcomes.toml``."""
+
+    unit: str
+    meaning: str
+    column: str
+    shown: tuple[str, str, float]
+    formula: str
+    source: str
+    measured: bool = False
+    compared: bool = False
+    never: bool = False
+    first: int = 0
+
+
+# What a lab asks of an impact, and of a headform's.
+DECLARED = {name: Outcome(**entry) for name, entry in declared(__package__, "outcomes.toml").items()}
+HEADFORM_OUTCOMES = tuple(DECLARED)
+OUTCOMES = tuple(name for name in DECLARED if name not in LONGEST)
+MEASURED, REFERENCE_OUTCOMES, NEVER = (
+    tuple(name for name, one in DECLARED.items() if getattr(one, mark))
+    for mark in ("measured", "compared", "never")
+)
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+# Between the nodes beside the greatest force or jerk, which are 1 % of a contact apart.
+_BETWEEN = np.linspace(0.0, 1.0, 17)
+
+
+def outcomes(
+    element: str | Element,
+    parameters: Parameters,
+    mass: ArrayLike,
+    velocity: ArrayLike,
+    *,
+    diameter: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+    headform: bool = False,
+) -> Outcomes:
+    """What impacts come to; arguments as of `elements.impact`, and whether a headform hits.
+
+    Raises:
+        KeyError: there is no such element, or the parameters are not its own.
+    """
+    which = named(element)
+    completed = complete(which, parameters, diameter, gravity)
+    return outcomes_of(*prepared(which, completed, mass, velocity), headform=headform)
+
+
+@partial(jax.jit, static_argnames=("element", "headform"))
+def outcomes_of(
+    element: Element,
+    p: dict[str, Array],
+    mass: Float[Array, " impact"],
+    velocity: Float[Array, " impact"],
+    *,
+    headform: bool = False,
+) -> Outcomes:
+    """`outcomes` of complete parameters, compiled: see `bayestissue.mechanics.elements.element.complete`."""
+    nodes, collision = None, Collision(element, p, mass, velocity)
+    if element.level_outcomes and GRAVITY not in p:
+        comes = element.level_outcomes(p, mass, velocity)
+    else:
+        path = Path.solved(collision)
+        comes, nodes = _of_path(path), path.nodes
+    if not headform:
+        return comes
+    window = jnp.minimum(
+        SEARCH.times_to_peak * comes.time_to_peak, LONG * jnp.sqrt(inertia(element, p, mass) / p["K"])
+    )
+    end = jnp.minimum(comes.contact_duration, window)
+    return comes._replace(**head_injury(pulse_of(collision, end, nodes)))
+
+
+def _of_path(path: Path) -> Outcomes:
+    """Of a solved path."""
+    element, p, M, V = path.collision
+    columns = path.collision.columns()
+
+    def jerks(y: Array) -> Array:
+        return jnp.abs(jax.jvp(columns.deceleration, (y,), (columns.rates(y),))[1])
+
+    times, nodes = path.nodes.time.T, jnp.moveaxis(path.nodes.y, 0, -1)
+    peak, leaves = (jnp.minimum(when, path.duration) for when in (path.time_to_peak, path.leaves))
+
+    def beside_greatest(values: Array) -> Array:
+        """Times close about the node whose value is greatest."""
+        best = jnp.argmax(jnp.where(times <= path.leaves[:, None], values, -jnp.inf), axis=1)[:, None]
+        low, high = (
+            jnp.take_along_axis(times, jnp.clip(best + step, 0, times.shape[1] - 1), axis=1)
+            for step in (-1, 1)
+        )
+        return jnp.minimum(low + jnp.asarray(_BETWEEN) * (high - low), leaves[:, None])
+
+    squares_at = (jnp.asarray(_POINTS) + 1) / 2 * peak[:, None]
+    parts = [
+        *(peak[:, None], leaves[:, None], squares_at),
+        *(beside_greatest(quantity(nodes)) for quantity in (columns.deceleration, jerks)),
+    ]
+    # In one go, since what follows the path is long to compile.
+    states = path.at(jnp.concatenate(parts, axis=1))
+    at_peak, at_leaving, within, hardest, fastest = jnp.split(
+        states, np.cumsum([part.shape[1] for part in parts])[:-1], axis=-1
+    )
+    x, v, *inner_states = at_peak[..., 0]
+    s, end, fall = tuple(inner_states), at_leaving[0, :, 0], falling(p)
+    # What is never left gives nothing back, also where the impactor has not come to rest when the path ends.
+    last = jnp.where(jnp.isinf(path.leaves), 0.0, at_leaving[1, :, 0])
+    squares = (within[1] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
+    # Of 0 m/s^2 nothing, however long.
+    fallen = jnp.where(fall == 0, 0.0, fall * path.leaves)
+    begins, moves = impactor_share(element, p, M) * V, inertia(element, p, M)
+    spent = moves * (begins**2 - v**2) / 2 + M * fall * x - element.stored(x, v, s, p)
+    return Outcomes(
+        mass=M,
+        velocity=V,
+        K_tangent=tangent_stiffness(element, dict(p)),
+        K_secant=element.force(x, jnp.zeros_like(v), s, p) / x,
+        C_equivalent=spent / squares,
+        energy_lost=1 - (last / V) ** 2,
+        energy_share=1 - (last**2 - 2 * fall * end) / V**2,
+        energy_share_with_gravity=1 - last**2 / (V**2 + 2 * fall * end),
+        peak_depth=x,
+        time_to_peak=path.time_to_peak,
+        peak_force=M * greatest(columns.deceleration(hardest)),
+        contact_duration=path.leaves,
+        rebound_velocity=-last,
+        impulse=M * (V - last + fallen),
+        peak_jerk=greatest(jerks(fastest)),
+    )
+
+
+def greatest(values: Float[Array, "impact place"]) -> Float[Array, " impact"]:
+    """The greatest of values at even places: of the parabola through the greatest and its neighbours."""
+    best = jnp.clip(jnp.argmax(values, axis=1), 1, values.shape[1] - 2)[:, None]
+    before, here, after = (jnp.take_along_axis(values, best + step, axis=1)[:, 0] for step in (-1, 0, 1))
+    bend, half = 2 * here - before - after, (after - before) / 2
+    inside = jnp.abs(half) < bend
+    return jnp.maximum(
+        values.max(axis=1), here + jnp.where(inside, half**2 / (2 * jnp.where(inside, bend, 1.0)), 0.0)
+    )
+
+
+def tangent_stiffness(element: Element, p: dict[str, Array]) -> Array:
+    """The force's slope in x with the internal lengths held, at the surface and at rest.
+
+    What remembers is slow: at contact its dampers have not yet yielded. At rest no damper pushes, not even
+    one that acts with depth.
+    """
+    still = jnp.zeros_like(p["K"])
+    inner = (still,) * element.states
+    return jax.jvp(lambda x: element.force(x, still, inner, p), (still,), (jnp.ones_like(still),))[1]

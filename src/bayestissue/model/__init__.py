@@ -1,0 +1,1 @@
+"""What is believed: the likelihood of a trace, formulas, and the population over impacts."""

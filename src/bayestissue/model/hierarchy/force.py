@@ -1,0 +1,281 @@
+"""A force that was recorded beside the decelerations, as a fit takes it; or why it can't."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from bayestissue.base.errors import Coded
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.recorder import filtered_noise, low_pass_of
+from bayestissue.model.likelihood.element.record import ForceRows
+from bayestissue.model.likelihood.element.recorder import LowPass
+from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.recordings.signal import Displacements
+from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
+from bayestissue.recordings.signal.filters import ahead_s, decay, delay, white_share
+from bayestissue.recordings.signal.force import Force, force_beside
+from bayestissue.recordings.signal.traces import PaddedTraces, segment_moments, stack, standard_error
+
+# The zero is the mean of what ends so many samples before the first one in contact.
+_CLEAR = 3
+# Of a sampling interval: times that differ by less are alike.
+_NEARLY = 1e-3
+# Of a filter's answer to the jump at contact, what may be left of it.
+_SETTLED = 0.01
+# Of a sampling interval, the standard deviation of what is left of a lag that `Force.lags` does not show.
+_CLOCK = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommonFactor:
+    """What is declared of the one factor of all masses, and of the gains of a force that shows it.
+
+    What is recorded of F over mass times deceleration is exp(a), a = log f + g: f is what all recorded masses
+    are to be multiplied by, and g the error of the force's gain less that of the accelerometer's, one of each
+    sensor.
+
+    Attributes:
+        mass_sd: standard deviation of log f, as declared.
+        gain_sd: of g.
+    """
+
+    mass_sd: float
+    gain_sd: float
+
+    @property
+    def share(self) -> float:
+        """Of the variance of a, that of the mass; 0 where none is declared."""
+        total = self.mass_sd**2 + self.gain_sd**2
+        return self.mass_sd**2 / total if total > 0 else 0.0
+
+    def log_mass_factor(
+        self, a: Float[np.ndarray, "*draw"], standard: Float[np.ndarray, "*draw"]
+    ) -> Float[np.ndarray, "*draw"]:
+        """Draws of log f given a, from standard normals: N(share a, share (1 - share) of the variance)."""
+        sd = np.sqrt(self.share * (1 - self.share) * (self.mass_sd**2 + self.gain_sd**2))
+        return self.share * a + sd * standard
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreparedForce(CommonFactor):
+    """The rows of a force, and what is declared of it.
+
+    Attributes:
+        comparison: the force against mass times deceleration.
+        rows: of the likelihood.
+        offset_sd: of its zero over the recorded mass [m/s^2].
+        clock_sd: of what its clock is late [s].
+        log_noise: log of the standard deviation of its noise, over the recorded mass [m/s^2].
+        log_ratio: a first guess of each impact's a.
+    """
+
+    comparison: Force
+    rows: ForceRows
+    offset_sd: Float[np.ndarray, " impact"]
+    clock_sd: Float[np.ndarray, " impact"]
+    log_noise: Float[np.ndarray, " impact"]
+    log_ratio: Float[np.ndarray, " impact"]
+
+    @property
+    def time(self) -> Float[np.ndarray, "impact row"]:
+        """Of the rows since contact [s], NaN past their end."""
+        rows = self.rows
+        return self._known(rows.first_time[:, None] + np.arange(rows.y.shape[1]) * rows.dt[:, None])
+
+    def recorded(self, mass: Float[np.ndarray, " impact"]) -> Float[np.ndarray, "impact row"]:
+        """The force [N] of impacts of this recorded mass [kg], NaN past a row's end."""
+        return self._known(mass[:, None] * self.rows.y)
+
+    def _known(self, values: Any) -> Float[np.ndarray, "impact row"]:
+        return np.where(np.asarray(self.rows.inside()), values, np.nan)
+
+    def impacts(self, rows: Int[np.ndarray, " row"]) -> PreparedForce:
+        """Of some impacts."""
+        names = ("offset_sd", "clock_sd", "log_noise", "log_ratio")
+        chosen = {name: getattr(self, name)[rows] for name in names}
+        return replace(self, rows=self.rows.impacts(rows), **chosen)
+
+
+@dataclass(frozen=True)
+class RowsWithin:
+    """The samples of a force that lie in the windows, and what was quiet before.
+
+    Attributes:
+        recorded: the recordings.
+        used: which of their samples lie in the windows.
+        begin: the first of these, of each impact.
+        number: how many each impact has.
+        zero: mean of the quiet part.
+        noise: its standard deviation.
+        n_quiet: how many samples that has.
+    """
+
+    recorded: PaddedTraces
+    used: Bool[np.ndarray, "impact sample"]
+    begin: Int[np.ndarray, " impact"]
+    number: Int[np.ndarray, " impact"]
+    zero: Float[np.ndarray, " impact"]
+    noise: Float[np.ndarray, " impact"]
+    n_quiet: Int[np.ndarray, " impact"]
+
+    @property
+    def dt(self) -> Float[np.ndarray, " impact"]:
+        """The sampling interval [s]."""
+        return self.recorded.dt
+
+    @property
+    def first(self) -> Float[np.ndarray, " impact"]:
+        """When the first was, on the recording's clock [s]."""
+        first: np.ndarray = self.recorded.start + self.begin * self.recorded.dt
+        return first
+
+    @property
+    def value(self) -> Float[np.ndarray, "impact row"]:
+        """The samples, the zero taken off; past a row's end any values."""
+        return self.within(self.recorded.value - self.zero[:, None])
+
+    def within(self, values: np.ndarray) -> np.ndarray:
+        """Of all samples those in the windows, [impact, row]."""
+        index = self.begin[:, None] + np.arange(self.number.max())
+        return np.take_along_axis(values, np.minimum(index, values.shape[1] - 1), axis=1)
+
+
+def rows_within(
+    recorded: PaddedTraces,
+    signal: Displacements,
+    earlier_s: Float[np.ndarray, " impact"],
+    later_s: Float[np.ndarray, " impact"],
+) -> RowsWithin:
+    """The rows of a force, and the quiet part that ends three intervals before the first in contact.
+
+    Args:
+        recorded: the force.
+        signal: the windows.
+        earlier_s: by how much earlier each impact's force may begin [s].
+        later_s: by how much later the windows begin [s].
+    """
+    first = signal.contact_time_s + signal.first_sample_s
+    ends = np.maximum(signal.n_samples - 1, 0)[:, None]
+    last = first + np.take_along_axis(signal.sample_number, ends, axis=1)[:, 0] * signal.dt
+    time = recorded.start[:, None] + recorded.time_s
+    nearly = _NEARLY * recorded.dt[:, None]
+    begin = (first + later_s)[:, None] - nearly
+    used = recorded.inside & (time >= begin) & (time <= last[:, None] + nearly)
+    clear = first - earlier_s - _CLEAR * np.maximum(recorded.dt, signal.dt)
+    n_quiet = (recorded.inside & (time < clear[:, None])).sum(axis=1)
+    moments = segment_moments(recorded.value, n_quiet)
+    return RowsWithin(recorded, used, used.argmax(axis=1), used.sum(axis=1), *moments, n_quiet)
+
+
+def tells_added_mass(force: PreparedForce, name: str) -> bool:
+    """Whether the element of this name has tissue that moves along, and the force was recorded below it.
+
+    Of one mass M the force then is (1 + m / M) e^a times M d, and what is declared of e^a has to be its
+    prior: a wide one, that declared errors only divide, would take up what is m's.
+    """
+    return force.rows.below and element(name).added_mass is not None
+
+
+def prepared_force(
+    dataset: Dataset, signal: Displacements, low_pass: LowPass | None, reach: int
+) -> PreparedForce | str:
+    """The force of a dataset that has one; or why these recordings keep a fit from using it.
+
+    Args:
+        dataset: decelerations, and a force.
+        signal: what the signal chain made of the decelerations.
+        low_pass: of the decelerations.
+        reach: in how many of their sampling intervals before the first sample contact may be; 0 where it is
+            known.
+    """
+    comparison = force_beside(dataset, signal)
+    assert comparison is not None  # noqa: S101 - the callers ask
+    channel, recorder = comparison.channel, comparison.channel.recorder
+    recorded, first = stack(*dataset.further), signal.contact_time_s + signal.first_sample_s
+    dt = recorded.dt
+    # Contact is so long after the first sample of the decelerations at the latest, or so long before it.
+    latest = (low_pass.lead if low_pass else 0) * signal.dt
+    earliest = reach * signal.dt - latest
+    hidden = np.zeros_like(dt)
+    if reach:
+        # A low-pass that looks ahead ends the decelerations' quiet part so long before contact, and one that
+        # delays them so long after.
+        quiet = signal.n_since_quiet * signal.dt - ahead_s(dataset.recorder, signal.dt)
+        hidden = np.where(np.isfinite(signal.offset_sd), quiet, earliest)
+        hidden += delay(dataset.recorder) if dataset.recorder else 0.0
+    rows = rows_within(recorded, signal, ahead_s(recorder, dt) + hidden, latest)
+    usable = rows.used
+    if recorder is not None:
+        # What a filter makes of the jump at contact is not linear in when that was.
+        settled = -np.log(_SETTLED) / decay(recorder, dt)
+        usable = usable & (recorded.start[:, None] + recorded.time_s >= (first + settled)[:, None])
+    at_limit = (rows.used & recorded.at_limit).any(axis=1).sum()
+    for wrong, words in (
+        (at_limit, f"it stands at its sensor's limit in {at_limit} of {len(dt)} impacts"),
+        (recorder and reach, "it is behind a low-pass, and the deceleration does not show when contact was"),
+        (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
+        (signal.clipped.any(), "the deceleration is clipped"),
+        (
+            (usable.sum(axis=1) < FEWEST_SAMPLES).any(),
+            f"an impact has fewer than {FEWEST_SAMPLES} samples of it that count",
+        ),
+        (
+            (rows.n_quiet < FEWEST_SAMPLES).any(),
+            "a recording has no quiet part before contact, which tells its zero",
+        ),
+        (comparison.lags, Coded.stated("channels-disagree.late", late=comparison.late)),
+    ):
+        if wrong:
+            return words
+    length = int(rows.number.max())
+    if reach:
+        length += 2 + int(np.ceil(((rows.first - first + earliest) / dt).max()))
+    of_filter = _filtered(dataset, signal, recorded, length) if recorder else {}
+    mass = signal.mass
+    counts = rows.within(usable) & (np.arange(rows.number.max()) < rows.number[:, None])
+    longer = ((0, 0), (0, length - counts.shape[1]))
+    # A force below the tissue has no tip.
+    tip = channel.tip_mass_kg / mass if channel.place == "impactor" else None
+    # Contact as it was before the samples in contact were asked: these are to tell themselves.
+    contact = first - signal.bracket_s
+    parts: Any = (
+        np.pad(np.where(counts, rows.value / mass[:, None], 0.0), longer),
+        rows.number,
+        rows.first - contact,
+        dt,
+        tip,
+        np.pad(counts, longer) if (usable != rows.used).any() else None,
+    )
+    in_front = channel.tip_mass_kg / mass
+    noise = np.maximum(rows.noise / mass, 1e-12)
+    return PreparedForce(
+        comparison=comparison,
+        rows=ForceRows(*parts, *(of_filter.get(name) for name in ("low_pass", "colour", "rate"))),
+        offset_sd=of_filter.get("longer", 1.0) * standard_error(noise, rows.n_quiet),
+        clock_sd=_CLOCK * dt,
+        log_noise=np.log(noise),
+        log_ratio=np.log(np.maximum(comparison.ratio * (1 - in_front) + in_front, 1e-3)),
+        mass_sd=float(dataset.uncertainty.relative_mass_sd),
+        gain_sd=float(np.hypot(dataset.uncertainty.relative_gain_sd, channel.relative_gain_sd)),
+    )
+
+
+def _filtered(dataset: Dataset, signal: Displacements, recorded: PaddedTraces, rows: int) -> dict[str, Any]:
+    """Of a force behind a low-pass its ``low_pass`` and, where its noise went through it, ``colour``.
+
+    Then also ``rate`` and by how much ``longer`` a mean takes to settle.
+    """
+    (channel,), (traces,) = dataset.channels, dataset.further
+    recorder = channel.recorder
+    assert recorder is not None  # noqa: S101 - the caller asks
+    force = replace(dataset.with_settings(recorder=recorder), traces=traces)
+    share = white_share(force, replace(signal, dt=recorded.dt))
+    low_pass = low_pass_of(recorder, recorded.dt)
+    if share == 1:
+        return {"low_pass": low_pass}
+    noise = zip(("colour", "rate", "longer"), filtered_noise(recorder, share, rows, recorded.dt), strict=True)
+    return {"low_pass": low_pass, **dict(noise)}

@@ -1,0 +1,471 @@
+"""A formula term by term: what it asks for, and what of that a table of impacts can't tell."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from bayestissue.base.errors import Coded
+from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, written
+from bayestissue.model.hierarchy.formulas.identifiability import (
+    PRECISION,
+    Fault,
+    aliased,
+    lacking,
+    missing,
+    told_by_mass,
+    unidentified,
+    unsuited_columns,
+    written_twice,
+)
+from bayestissue.recordings.dataset.cells import in_whatever_case, no_column
+
+GROUPS = (SUBJECT.grouping, TRIAL.grouping)
+DEFAULT_FORMULA = f"{MASS_TERM} + {SUBJECT} + {TRIAL}"
+LABELS = ("impact", *GROUPS)
+_INTERCEPT = "Intercept"
+_TIED = {"mass": {"mass_kg"}, "energy": {"energy_J"}, "velocity": {"velocity_m_s"}}
+# Only these functions are within a formula's reach.
+FUNCTIONS = {"log": np.log, "sqrt": np.sqrt}
+_EVALUATED = "terms that can be evaluated: columns, +, :, {arithmetic}, C(), log() and sqrt()"
+_QUOTED = re.compile(r"`[^`]*`|\"[^\"]*\"|'[^']*'")
+_EVALUATES_TO_NOTHING = "it can't be evaluated: check its numbers, and whether all its columns hold numbers"
+# Names, or what is in quotation marks, which is no name; no function.
+_NAMED = re.compile(rf"{_QUOTED.pattern}|(?<![\w.])[^\W\d][\w.]*\b(?!\s*\()")
+_CALLED = re.compile(r"([^\W\d][\w.]*)\s*\(")
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What a formula asks for, in its own order.
+
+    Attributes:
+        common: the terms of covariates, as written, and the columns that each names.
+        groups: the group terms.
+        slopes: the columns that each covariate in a group term names.
+    """
+
+    common: Mapping[str, frozenset[str]]
+    groups: tuple[GroupTerm, ...]
+    slopes: Mapping[str, frozenset[str]]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The columns of covariates, slopes and groups, each once."""
+        named = [name for names in (*self.common.values(), *self.slopes.values()) for name in sorted(names)]
+        return tuple(dict.fromkeys([*named, *(name for term in self.groups for name in term.factors)]))
+
+    def without(self, gone: Iterable[str]) -> Terms:
+        """The same less some terms."""
+        gone = set(gone)
+        common = {name: columns for name, columns in self.common.items() if name not in gone}
+        return Terms(common, tuple(term for term in self.groups if str(term) not in gone), self.slopes)
+
+    def __str__(self) -> str:
+        """The formula that asks for these terms, and an intercept."""
+        return " + ".join([*self.common, *written(self.groups)]) or "1"
+
+
+@dataclass(frozen=True)
+class ResolvedFormula:
+    """A formula held against the rows that it is of.
+
+    Attributes:
+        terms: those that the rows can tell.
+        columns: [row, column], of the covariates, zero at the reference row.
+        names: of the columns.
+        groups: of each group term the covariate whose coefficient it is of, [row]: 1 for an intercept, and
+            else zero at the reference row.
+        faults: everything else that the formula asks for, each once.
+    """
+
+    terms: Terms
+    columns: np.ndarray
+    names: tuple[str, ...]
+    groups: Mapping[GroupTerm, Float[np.ndarray, " row"]]
+    faults: tuple[Fault, ...]
+
+
+def resolve(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> ResolvedFormula:
+    """Read a formula, find every term of it that ``rows`` can't tell, and evaluate the others.
+
+    Args:
+        formula: right-hand side, in the notation of R and formulae.
+        rows: one an impact (or a cell of the design), with ``subject``, ``trial``, ``mass_kg``, covariates.
+        reference_mass_kg: at which, and at every other covariate's mean, the columns are zero.
+    """
+    formula = _NAMED.sub(lambda found: in_whatever_case(found[0], map(str, rows.columns)), formula)
+    try:
+        if "~" in _QUOTED.sub("", formula):
+            raise ValueError(formula)
+        terms, faults = _read(formula)
+    except Exception as error:  # formulae's algebra of terms raises errors that share no base
+        wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', _unread(formula, error), mendable=True)
+        default = resolve(DEFAULT_FORMULA, rows, reference_mass_kg)
+        return replace(default, faults=(wrong,))
+    faults += [*_unknown(terms, rows), *unsuited_columns(terms.groups, rows)]
+    terms = terms.without(fault.term for fault in faults)
+    groups, wrong_groups = _covariates_of_groups(terms, rows, reference_mass_kg)
+    faults += [*wrong_groups, *unidentified(groups, rows), *_tied(terms)]
+    terms = terms.without(fault.term for fault in faults)
+    while True:
+        covariates, wrong_terms = _evaluated(terms, rows, reference_mass_kg)
+        if covariates is not None and not wrong_terms:
+            wrong_terms = _dependent(terms, covariates, rows) or _aliased(terms, covariates, rows)
+        if covariates is not None and not wrong_terms:
+            of_groups, names = {term: groups[term] for term in terms.groups}, tuple(covariates.names)
+            return ResolvedFormula(terms, covariates.columns, names, of_groups, tuple(faults))
+        faults += wrong_terms
+        terms = terms.without(fault.term for fault in wrong_terms)
+
+
+def _unread(formula: str, error: Exception) -> str:
+    """Why a formula can't be read, and where."""
+    from bayestissue.model.hierarchy.formulas.notation import NotationError
+
+    bare = _QUOTED.sub("", formula)
+    if "~" in bare:
+        return "~ says what is explained, which is log K or log C: leave it out, and what is before"
+    if isinstance(error, RecursionError):
+        return "it is too long, or has too many parentheses within one another"
+    if not formula.strip():
+        return "it is empty; 1 stands for no covariate and no group"
+    words = str(error) if isinstance(error, NotationError) else "its terms can't stand together like this"
+    if mark := re.search("[\"'`]", bare):
+        return f"a quotation mark is not closed: {mark[0]}; {words}"
+    for opening, closing in ("()", "[]", "{}"):
+        if bare.count(opening) != bare.count(closing):
+            return (
+                f"it has {bare.count(opening)} of {opening} and {bare.count(closing)} of {closing}; {words}"
+            )
+    return words
+
+
+def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> ResolvedFormula:
+    """`DEFAULT_FORMULA` less what ``rows`` can't tell, its faults being what is left out and why.
+
+    Of two masses, one for each of two conditions, the exponent takes up all that differs between these.
+    """
+    resolved = resolve(DEFAULT_FORMULA, rows, reference_mass_kg)
+    gone = next(filter(None, (told_by_mass(term, rows) for term in resolved.groups)), None)
+    if gone is None or MASS_TERM not in resolved.terms.common:
+        return resolved
+    left = resolve(str(resolved.terms.without([gone.term])), rows, reference_mass_kg)
+    return replace(left, faults=(*resolved.faults, gone))
+
+
+@lru_cache
+def terms_of(formula: str | None) -> Terms:
+    """What a formula asks for, the default one where there is none; nothing if it can't be read."""
+    try:
+        return _read(formula or DEFAULT_FORMULA)[0]
+    except Exception:  # as in `resolve`, which says what is wrong
+        return Terms({}, (), {})
+
+
+def left_out_words(terms: Sequence[Mapping[str, Any]]) -> str:
+    """What an adapted formula lacks and why, as a sentence; empty if nothing.
+
+    Args:
+        terms: each with its ``term``, ``of`` which responses, and the ``reason``, as ``run.json`` has them.
+    """
+    if not terms:
+        return ""
+    sentences = [
+        f"{term['term']}{'' if len(term['of']) > 1 else ' of log ' + term['of'][0]}, since {term['reason']}"
+        for term in terms
+    ]
+    return Coded.stated("left-out-of-formula", terms="; ".join(sentences))
+
+
+def _read(formula: str) -> tuple[Terms, list[Fault]]:
+    from bayestissue.model.hierarchy.formulas.notation import described, parentheses, parsed, text_of
+
+    description = described(formula)
+    common, faults = {}, []
+    if not any(term.name == _INTERCEPT for term in description.common_terms):
+        faults.append(
+            Fault("", "an intercept, since K at the reference mass is reported", "a 0 or -1 takes it out")
+        )
+    for term in description.common_terms:
+        if term.name == _INTERCEPT:
+            continue
+        common[text_of(term)] = _columns_of(term)
+    faults += written_twice([_groups(part) for part in parentheses(parsed(formula))])
+    groups = {frozenset((*term.factors, f"|{term.slope}")): term for term in reversed(_groups(description))}
+    slopes = {
+        text_of(term.expr): _columns_of(term.expr)
+        for term in description.group_terms
+        if term.expr.name != _INTERCEPT
+    }
+    return Terms(common, tuple(reversed(groups.values())), slopes), faults
+
+
+def _columns_of(term: Any) -> frozenset[str]:
+    return frozenset(getattr(term, "var_names", ())) - {""}
+
+
+def _groups(description: Any) -> list[GroupTerm]:
+    """The group terms of a resolved formula."""
+    from bayestissue.model.hierarchy.formulas.notation import text_of
+
+    return [
+        GroupTerm(
+            tuple(str(part.name) for part in term.factor.components),
+            "" if term.expr.name == _INTERCEPT else text_of(term.expr),
+        )
+        for term in description.group_terms
+    ]
+
+
+def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
+    usable = [name for name in rows.columns if name != "impact"]
+    faults = []
+    for group in terms.groups:
+        if strange := sorted(terms.slopes.get(group.slope, frozenset()) - set(usable)):
+            expected = f"columns of the data: {', '.join(usable)}"
+            faults.append(Fault(str(group), expected, no_column(strange, usable), mendable=True))
+    for term, variables in terms.common.items():
+        strange = sorted(variables - set(usable))
+        labels = sorted(variables & set(LABELS))
+        holes = [name for name in sorted(variables & set(usable)) if missing(rows[name]).any()]
+        unknown = sorted({*_CALLED.findall(_QUOTED.sub("", term))} - {*FUNCTIONS, "C", "I"})
+        if unknown:
+            faults.append(Fault(term, _EVALUATED, f"there is no {unknown[0]}()", mendable=True))
+        elif strange:
+            expected = f"columns of the data: {', '.join(usable)}"
+            faults.append(Fault(term, expected, no_column(strange, usable), mendable=True))
+        elif labels:
+            wanted = f"{labels[0]} as a group effect, written (1|{labels[0]})"
+            faults.append(Fault(term, wanted, f"{labels[0]} is a name and no covariate", mendable=True))
+        elif holes:
+            faults.append(lacking(term, holes[0], rows))
+    return faults
+
+
+def _covariates_of_groups(
+    terms: Terms, rows: pd.DataFrame, reference_mass_kg: float
+) -> tuple[dict[GroupTerm, Float[np.ndarray, " row"]], list[Fault]]:
+    """Of each group term the covariate whose coefficient it is of, and the terms that have no such number."""
+    values, faults = {}, []
+    for term in terms.groups:
+        if not term.slope:
+            values[term] = np.ones(len(rows))
+            continue
+        expected = (
+            "one number of every impact left of the bar; a category goes to its right: (1|group:category)"
+        )
+        try:
+            of_slope = Covariates([term.slope], rows, reference_mass_kg)
+        except Exception:  # as in `resolve`
+            faults.append(Fault(str(term), expected, _EVALUATES_TO_NOTHING, mendable=True))
+            continue
+        if of_slope.names not in ([term.slope.replace("`", "")], [term.slope]):
+            faults.append(Fault(str(term), expected, f"{term.slope} is a category", mendable=True))
+        elif not _is_finite(of_slope.columns):
+            faults.append(Fault(str(term), expected, f"{term.slope} is not finite for every impact"))
+        else:
+            values[term] = of_slope.columns[:, 0]
+    return values, faults
+
+
+def _is_finite(columns: np.ndarray) -> bool:
+    """Whether all are numbers, whose fourth powers are numbers too: see `identifiability`."""
+    return bool((np.abs(columns) < np.finfo(float).max ** 0.25).all())
+
+
+def _aliased(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list[Fault]:
+    """Group terms whose levels are told by the terms of categories alone, text or in ``C()``."""
+
+    def is_category(term: str) -> bool:
+        coded = categories_of_numbers(term)
+        return all(c in coded or not pd.api.types.is_numeric_dtype(rows[c]) for c in terms.common[term])
+
+    of_categories = [i for i, term in enumerate(covariates.terms) if is_category(term)]
+    names = [" and ".join(sorted(terms.common[covariates.terms[i]])) for i in of_categories]
+    return aliased(terms.groups, covariates.columns[:, of_categories], names, rows)
+
+
+def _tied(terms: Terms) -> list[Fault]:
+    """The last of three terms that E = ½MV² ties together."""
+    physical: set[str] = set()
+    for term, variables in terms.common.items():
+        physical |= {name for name, columns in _TIED.items() if variables & columns}
+        if len(physical) == len(_TIED):
+            expected = "at most two of mass, energy and velocity, which are tied by E = ½MV²"
+            return [Fault(term, expected, "the other two determine it")]
+    return []
+
+
+def _evaluated(
+    terms: Terms, rows: pd.DataFrame, reference_mass_kg: float
+) -> tuple[Covariates | None, list[Fault]]:
+    """The covariates, where they can be evaluated, and the terms that can't be, or are not finite."""
+    try:
+        covariates = Covariates(terms.common, rows, reference_mass_kg)
+    except Exception:  # as in `resolve`; each term by itself tells which it is of
+        return None, _unusable(terms, rows, reference_mass_kg)
+    faults = []
+    for term in dict.fromkeys(covariates.terms):
+        if not _is_finite(covariates.columns[:, [owner == term for owner in covariates.terms]]):
+            faults.append(Fault(term, "finite covariates", "it is not finite for every impact; transform it"))
+    return covariates, faults
+
+
+def _unusable(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> list[Fault]:
+    expected, faults = _EVALUATED, []
+    for term in terms.common:
+        try:
+            Covariates([term], rows, reference_mass_kg)
+        except Exception:  # as above
+            faults.append(Fault(term, expected, _EVALUATES_TO_NOTHING, mendable=True))
+    # Terms that fail together only: none can be blamed alone.
+    return faults or [Fault(term, expected, "these terms can't stand together") for term in terms.common]
+
+
+def reference_row(
+    rows: pd.DataFrame, reference_mass_kg: float, categories: Container[str] = ()
+) -> dict[str, Any]:
+    """Where every column of a design is zero: the reference mass, means of numbers, the first categories.
+
+    Columns named in ``categories`` are such, also where they hold numbers: see `categories_of_numbers`.
+    """
+    numeric = [name for name in rows.select_dtypes("number").columns if name not in categories]
+    at = {str(name): rows[name].mean() if name in numeric else rows[name].iloc[0] for name in rows}
+    return at | {"mass_kg": reference_mass_kg}
+
+
+@lru_cache
+def categories_of_numbers(formula: str) -> frozenset[str]:
+    """The columns that a formula takes as categories whatever they hold: ``C(session)``."""
+    from bayestissue.model.hierarchy.formulas.notation import described
+
+    parts = [part for term in described(formula).common_terms for part in getattr(term, "components", ())]
+    return frozenset().union(*(_columns_of(part) for part in parts if str(part.name).startswith("C(")))
+
+
+@lru_cache
+def interactions(formula: str) -> tuple[tuple[str, ...], ...]:
+    """The columns of each covariate term ``a:b`` or ``a:b:c``, as the formula has them, each set once."""
+    import formulae
+
+    found: dict[frozenset[str], tuple[str, ...]] = {}
+    for term in formulae.model_description(formula).common_terms:
+        parts = [_columns_of(part) for part in getattr(term, "components", ())]
+        names = frozenset().union(*parts)
+        if len(names) == len(parts) in (2, 3) and all(len(columns) == 1 for columns in parts):
+            found.setdefault(names, tuple(map(min, parts)))
+    return tuple(found.values())
+
+
+class Covariates:
+    """Columns of terms of covariates, zero at the reference row, in the rows that fix them and in others.
+
+    Attributes:
+        names: of the columns.
+        terms: which of the terms each column is of.
+        columns: [row, column].
+    """
+
+    def __init__(self, terms: Iterable[str], rows: pd.DataFrame, reference_mass_kg: float) -> None:
+        """Evaluate terms; ``rows`` fix categories and what transforms remember of their columns.
+
+        Raises:
+            Exception: of many kinds, where formulae can't evaluate them.
+        """
+        from formulae.environment import Environment
+        from formulae.matrices import CommonEffectsMatrix
+
+        from bayestissue.model.hierarchy.formulas.notation import described
+
+        written_terms = list(terms)
+        formula = " + ".join(written_terms) or "1"
+        description = described(formula)
+        asked_for = [term for term in description.common_terms if term.name != _INTERCEPT]
+        data = rows[[name for name in rows if name in description.var_names]]
+        if data.isna().any(axis=None):
+            raise ValueError(formula)
+        environment = Environment([FUNCTIONS])
+        reference = pd.DataFrame([reference_row(rows, reference_mass_kg, categories_of_numbers(formula))])
+        with np.errstate(all="ignore"):  # what is not finite is refused
+            description.eval(data, environment)
+            self._evaluated = CommonEffectsMatrix(description.common_terms)
+            self._evaluated.evaluate(data, environment)
+            self._reference = self._evaluated.evaluate_new_data(reference).design_matrix
+        self.names: list[str] = []
+        self.terms: list[str] = []
+        self._kept: list[int] = []
+        column = 0
+        for term in description.common_terms:
+            labels = [_INTERCEPT] if term.name == _INTERCEPT else term.labels
+            if term.name != _INTERCEPT:
+                self.names += labels
+                self.terms += [written_terms[0]] * len(labels)
+                self._kept += range(column, column + len(labels))
+                # What a:b alone needs besides to be of full rank stands before it.
+                if any(term is mine for mine in asked_for):
+                    del written_terms[0]
+            column += len(labels)
+        self.columns = self._less_reference(self._evaluated)
+
+    def _less_reference(self, matrix: Any) -> Float[np.ndarray, "row column"]:
+        with np.errstate(all="ignore"):
+            return (matrix.design_matrix - self._reference)[:, self._kept]
+
+    def at(self, rows: pd.DataFrame) -> Float[np.ndarray, "row column"]:
+        """The columns in other rows, whose categories are among those of the first."""
+        return self._less_reference(self._evaluated.evaluate_new_data(rows))
+
+
+class Evaluated:
+    """A formula that ``rows`` can tell, in any rows: see `Covariates`."""
+
+    def __init__(self, formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> None:
+        terms, _ = _read(formula)
+        self._covariates = Covariates(terms.common, rows, reference_mass_kg)
+        self._slopes = {
+            term: Covariates([term.slope], rows, reference_mass_kg) if term.slope else None
+            for term in terms.groups
+        }
+
+    def at(
+        self, rows: pd.DataFrame
+    ) -> tuple[dict[str, Float[np.ndarray, " row"]], dict[GroupTerm, Float[np.ndarray, " row"]]]:
+        """The covariates by name, and of each group term what its effects are multiplied by."""
+        columns = dict(zip(self._covariates.names, self._covariates.at(rows).T, strict=True))
+        ones = np.ones(len(rows))
+        return columns, {t: ones if s is None else s.at(rows)[:, 0] for t, s in self._slopes.items()}
+
+
+def _dependent(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list[Fault]:
+    """Terms that do not vary; if there are none, the first that those before it determine."""
+    columns, owners = covariates.columns, covariates.terms
+    # A log of mass may differ by rounding alone.
+    least = [PRECISION if name == MASS_TERM else 0.0 for name in covariates.names]
+    flat = np.flatnonzero(np.ptp(columns, axis=0) <= least).tolist()
+    # Categories of which there is one have no column.
+    still = dict.fromkeys([*(owners[i] for i in flat), *(t for t in terms.common if t not in owners)])
+    if still:
+        return [_flat(owner, rows) for owner in still]
+    centred = columns - columns.mean(axis=0)
+    spread = np.linalg.norm(centred, axis=0)
+    for count in range(2, len(owners) + 1):
+        part = centred[:, :count] / spread[:count]
+        if np.linalg.svd(part, compute_uv=False)[-1] < PRECISION:
+            expected = "covariates that are no combination of each other"
+            return [Fault(owners[count - 1], expected, "the terms before it already determine it")]
+    return []
+
+
+def _flat(term: str, rows: pd.DataFrame) -> Fault:
+    if term != MASS_TERM:
+        return Fault(term, "covariates that vary", "it has one value only")
+    mass = float(rows["mass_kg"].mean())
+    return Fault(term, "a mass that varies over the impacts", f"the mass is {mass:.4g} kg in every impact")

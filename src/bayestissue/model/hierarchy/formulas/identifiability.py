@@ -1,0 +1,304 @@
+"""Which group terms the rows of a design can tell apart, from each other and from the impacts' own scatter.
+
+Term k makes the covariance s_k² Z_k Z_k' of the rows, with Z_k the columns of its levels, and the impacts'
+own scatter s² 1. The standard deviations are identified where no Z_k Z_k' is a combination of 1 and of others
+(Rao and Kleffe 1988, Estimation of Variance Components, section 4.1). Inner products of these matrices are
+||Z_k' Z_l||² in the Frobenius norm, sums over the rows' levels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from bayestissue.model.hierarchy.formulas.group_terms import (
+    MASS_TERM,
+    TRIAL,
+    Grouping,
+    GroupTerm,
+    grouping_of,
+)
+from bayestissue.recordings.dataset.cells import no_column
+
+# The relative precision of a table given to three or four digits: a smaller difference, or a combination of
+# columns below it, is rounding and not information.
+PRECISION = 1e-3
+# Dimensions of a posterior that are no grouping's; chains and draws stacked are a "sample" to ArviZ.
+RESERVED_DIMENSIONS = ("impact", "chain", "draw", "kept_draw", "sample", "time_index")
+# Names that a level's K or C would have to share, such as K_new.
+RESERVED_STEMS = ("new", "typical_person", "secant", "tangent", "equivalent", "common_depth")
+_WORDS = {"subject": "person", "trial": "condition"}
+_PLURALS = {"person": "people", "condition": "conditions"}
+# Of two levels the squared correlation with the log of mass from which one can't be told from the other: at
+# masses of 1 and 2, weights that scatter by less than 1 % within a level.
+_SAME_AS_MASS = 0.999
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A term that these rows can't tell.
+
+    Attributes:
+        term: as it is written, such as ``(1|trial)``; empty where the formula as a whole can't be read.
+        expected: what it would take.
+        reason: what there is instead, as a clause: "the mass is 0.5 kg in every impact".
+        mendable: whether the term is told once its name, its form or its column is right: then a formula
+            without it is none that anybody asked for.
+    """
+
+    term: str
+    expected: str
+    reason: str
+    mendable: bool = False
+
+
+def missing(column: pd.Series) -> pd.Series:
+    """Where a column has no value: not a number, or a category that is an empty cell."""
+    return column.isna() | column.map(lambda value: isinstance(value, str) and not value.strip()).astype(bool)
+
+
+def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
+    """A term of a column that is missing in some impacts."""
+    without = rows.loc[missing(rows[column]), "impact" if "impact" in rows else column]
+    where = f", such as impact {without.iloc[0]}" if "impact" in rows else ""
+    reason = f"{column} is missing in {len(without)} of {len(rows)} impacts{where}"
+    return Fault(term, f"{column} of every impact", reason, mendable=True)
+
+
+def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
+    """Effects that more than one of the parentheses of a formula ask for, each parenthesis' terms given."""
+    keys: set[tuple[str, frozenset[str]]] = set()
+    faults = []
+    for terms in groups:
+        by_key = {(term.slope, frozenset(term.factors)): term for term in terms}
+        for key in by_key.keys() & keys:
+            reason = f"{by_key[key]} is asked for twice; (x|group) is (1|group) and (0 + x|group) together"
+            faults.append(Fault("", "each group effect once", reason))
+        keys |= by_key.keys()
+    return faults
+
+
+def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fault]:
+    """Terms whose grouping is not made of complete columns, or whose names are another's."""
+    faults, stems = [], set()
+    taken = (*RESERVED_DIMENSIONS, *RESERVED_STEMS)
+    for term in terms:
+        strange = [name for name in term.factors if name not in rows.columns]
+        holes = [name for name in term.factors if name not in strange and missing(rows[name]).any()]
+        if strange:
+            usable = [name for name in rows.columns if name not in RESERVED_DIMENSIONS]
+            expected = f"columns of the data: {', '.join(usable)}"
+            faults.append(Fault(str(term), expected, no_column(strange, usable), mendable=True))
+        elif "impact" in term.factors:
+            reason = "an impact's own scatter is in every model, as sd_impact_K and sd_impact_C"
+            faults.append(Fault(str(term), "levels of several impacts", reason))
+        elif term.grouping in taken or any("/" in name for name in term.factors):
+            expected = f"a column of another name than {', '.join(taken[1:])}, without /"
+            reason = "results need that name for something else; rename the column"
+            faults.append(Fault(str(term), expected, reason))
+        elif holes:
+            faults.append(lacking(str(term), holes[0], rows))
+        elif same := _shared_label(term, rows):
+            expected, reason = "levels without a colon in their names", f"two levels would be called {same}"
+            faults.append(Fault(str(term), expected, reason))
+        elif term.stem in stems:
+            expected, reason = "names that differ", f"{term.stem} would name two terms' effects"
+            faults.append(Fault(str(term), expected, reason))
+        stems.add(term.stem)
+    return faults
+
+
+def _shared_label(term: GroupTerm, rows: pd.DataFrame) -> str:
+    """What two levels of a term would both be called, as a:b and c, and a and b:c; empty if nothing."""
+    labels = pd.Series(grouping_of(rows, term.factors).levels)
+    return str(labels[labels.duplicated()].iloc[0]) if labels.duplicated().any() else ""
+
+
+def unidentified(values: Mapping[GroupTerm, Float[np.ndarray, " row"]], rows: pd.DataFrame) -> list[Fault]:
+    """Terms whose standard deviation the rows can't tell, those first that they can't tell by themselves.
+
+    Args:
+        values: of each term the covariate whose coefficient it is of, 1 for an intercept.
+        rows: one an impact, with complete columns of the terms' factors.
+    """
+    groupings = {term: grouping_of(rows, term.factors) for term in values}
+    faults = {
+        term: fault for term, x in values.items() if (fault := _by_itself(term, groupings[term], x, values))
+    }
+    left = {term: x for term, x in values.items() if term not in faults}
+    return [*faults.values(), *_alike(left, groupings)]
+
+
+def aliased(
+    groups: Sequence[GroupTerm],
+    columns: Float[np.ndarray, "row column"],
+    names: Sequence[str],
+    rows: pd.DataFrame,
+) -> list[Fault]:
+    """Terms whose levels categories determine: effects of the levels are combinations of the categories'.
+
+    With Z of the levels and X of an intercept and the categories, that is rank [X, Z] = rank X. What the
+    categories do could then be told from what the levels do by the prior of their spread alone.
+
+    Args:
+        groups: the terms.
+        columns: of the covariates that are categories.
+        names: of each of these columns the column of the data.
+        rows: one an impact.
+    """
+    X = np.column_stack([np.ones(len(rows)), columns])
+    X = X / np.linalg.norm(X, axis=0)
+    faults = []
+    for term in groups:
+        grouping = grouping_of(rows, term.factors)
+        if term.slope or not names or len(grouping.levels) > len(X.T):
+            continue
+        levels = (grouping.code[:, None] == np.arange(len(grouping.levels))).astype(float)
+        left = levels - X @ np.linalg.lstsq(X, levels, rcond=None)[0]
+        if np.linalg.norm(left, axis=0).max() > PRECISION:
+            continue
+        first = columns[np.unique(grouping.code, return_index=True)[1]]
+        within = np.abs(columns - first[grouping.code]).max(axis=0) <= PRECISION
+        constant_names = [name for name, constant in zip(names, within, strict=True) if constant]
+        categories = " and ".join(dict.fromkeys(constant_names or names))
+        reason = (
+            f"{categories} and {term.grouping} change together, each {term.grouping} having one "
+            f"{categories}, so that effects of one can't be told from those of the other"
+        )
+        expected = f"several levels of {term.grouping} for each {categories}"
+        faults.append(Fault(str(term), expected, reason))
+    return faults
+
+
+def told_by_mass(term: GroupTerm, rows: pd.DataFrame) -> Fault | None:
+    """What a formula with the log of mass and a term of two levels, each of one mass, has to do without.
+
+    A condition says no more than its mass does; for anybody else's levels it is the mass that goes.
+    """
+    grouping, log_mass = grouping_of(rows, term.factors), np.log(rows["mass_kg"].to_numpy(float))
+    if term.slope or len(grouping.levels) != 2 or np.ptp(log_mass) <= PRECISION:
+        return None
+    if np.corrcoef(grouping.code, log_mass)[0, 1] ** 2 <= _SAME_AS_MASS:
+        return None
+    one = _WORDS.get(term.grouping, term.grouping)
+    many = _PLURALS.get(one, f"levels of {one}")
+    reason = f"there are two {many}, each with one mass, so that what a {one} does can't be told from what "
+    if term == TRIAL:
+        more = "a third mass would tell it, and how far K and C scatter about a power of the mass"
+        return Fault(str(term), "three masses or more", f"{reason}its mass does; {more}")
+    more = f"each {one} with both masses would tell it"
+    return Fault(MASS_TERM, f"both masses of each {one}", f"{reason}its mass does; {more}")
+
+
+def _by_itself(
+    term: GroupTerm,
+    grouping: Grouping,
+    x: Float[np.ndarray, " row"],
+    values: Mapping[GroupTerm, Float[np.ndarray, " row"]],
+) -> Fault | None:
+    if not term.slope:
+        return _too_few(term, grouping)
+    coefficients = sum(other_term.factors == term.factors for other_term in values)
+    return _too_flat(term, grouping, x) or _saturated(term, grouping, coefficients)
+
+
+def _too_few(term: GroupTerm, grouping: Grouping) -> Fault | None:
+    name, counts = grouping.name, np.bincount(grouping.code)
+    if len(counts) < 2:
+        return Fault(str(term), f"more than one {name}", f"there is one {name} only")
+    if counts.max() < 2:
+        reason = f"with one impact of each {name} it can't be told from the impact's own scatter"
+        return Fault(str(term), f"several impacts for at least one {name}", reason)
+    return None
+
+
+def _too_flat(term: GroupTerm, grouping: Grouping, x: Float[np.ndarray, " row"]) -> Fault | None:
+    by_level = pd.Series(x).groupby(grouping.code)
+    varies = (by_level.max() - by_level.min()) > (PRECISION if term.slope == MASS_TERM else 0.0)
+    if varies.sum() >= 2:
+        return None
+    what, name = "the mass" if term.slope == MASS_TERM else term.slope, grouping.name
+    variation = "has one value in every" if not varies.any() else "varies within one"
+    return Fault(
+        str(term), f"{what} that varies within at least two levels of {name}", f"{what} {variation} {name}"
+    )
+
+
+def _saturated(term: GroupTerm, grouping: Grouping, coefficients: int) -> Fault | None:
+    """What lme4 refuses too: told from the scatter by the assumption alone that both are independent."""
+    if np.bincount(grouping.code).max() > coefficients:
+        return None
+    reason = f"with {coefficients} or fewer it can't be told from the impact's own scatter"
+    return Fault(str(term), f"more than {coefficients} impacts for at least one {grouping.name}", reason)
+
+
+def _alike(
+    values: Mapping[GroupTerm, Float[np.ndarray, " row"]], groupings: Mapping[GroupTerm, Grouping]
+) -> list[Fault]:
+    """Terms whose covariance is a combination of those of the scatter and of the terms before them."""
+    faults: list[Fault] = []
+    independent: list[GroupTerm] = []
+    columns = {term: _columns(x, groupings[term]) for term, x in values.items()}
+    for term in values:
+        if _left(columns[term], [columns[t] for t in independent]) > PRECISION**2:
+            independent.append(term)
+            continue
+        same = next((t for t in independent if _same_levels(term, t, groupings)), None)
+        faults.append(_same(term, same) if same else _combined(term, independent))
+    return faults
+
+
+def _columns(x: Float[np.ndarray, " row"], grouping: Grouping) -> Any:
+    from scipy.sparse import csr_array
+
+    shape = (len(x), len(grouping.levels))
+    return csr_array((np.asarray(x, float), (np.arange(len(x)), grouping.code)), shape=shape)
+
+
+def _left(indicator: Any, others: Iterable[Any]) -> float:
+    """The share of Z Z' that is no combination of 1 and the others' Z Z', as a squared norm."""
+    indicators = [*others, indicator]
+    count = len(indicators) + 1
+    products = np.empty((count, count))
+    products[0, 0] = indicator.shape[0]
+    for k, left in enumerate(indicators, start=1):
+        products[0, k] = products[k, 0] = (left.data**2).sum()
+        for m, right in enumerate(indicators[:k], start=1):
+            products[k, m] = products[m, k] = ((left.T @ right).data ** 2).sum()
+    scale = np.sqrt(np.diag(products))
+    products /= np.outer(scale, scale)
+    coefficients = np.linalg.lstsq(products[:-1, :-1], products[:-1, -1], rcond=None)[0]
+    return float(1 - coefficients @ products[:-1, -1])
+
+
+def _same_levels(left: GroupTerm, right: GroupTerm, groupings: Mapping[GroupTerm, Grouping]) -> bool:
+    if left.slope or right.slope:
+        return False
+    a, b = groupings[left], groupings[right]
+    pairs = len(np.unique(np.stack([a.code, b.code]), axis=1).T)
+    return len(a.levels) == len(b.levels) == pairs
+
+
+def _same(term: GroupTerm, earlier: GroupTerm) -> Fault:
+    mine, its = (_WORDS.get(t.grouping, t.grouping) for t in (term, earlier))
+    several_mine, several_its = (_PLURALS.get(word, f"levels of {word}") for word in (mine, its))
+    expected = f"{several_its} in several {several_mine}, or several {several_its} in one"
+    reason = (
+        f"every {its} has one {mine} and every {mine} one {its}, so that effects of the {mine} "
+        f"can't be told from those of the {its}"
+    )
+    return Fault(str(term), expected, reason)
+
+
+def _combined(term: GroupTerm, others: Sequence[GroupTerm]) -> Fault:
+    names = ["the impacts' own scatter", *map(str, others)]
+    return Fault(
+        str(term),
+        f"more impacts of each {term.grouping}",
+        f"of impacts arranged so its standard deviation can't be told from those of {', '.join(names)}",
+    )

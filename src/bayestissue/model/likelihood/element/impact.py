@@ -1,0 +1,277 @@
+"""Recorded decelerations of an impact on any mechanical element, with noise and a measuring chain.
+
+(1 + gain) d(t - tau; V + dV) + b, to first order in the errors, d being F / M of the element: the columns of
+the errors are d's derivative by V, d itself, 1 and minus its derivative in time. An element that is not
+linear tells gain from velocity, since its deceleration is not in proportion to V, and so does gravity along
+the motion, which does not come with V. What the samples share besides is noise: see
+`bayestissue.model.likelihood.element.noise`. When contact was may be for the trace to tell: see
+`bayestissue.model.likelihood.element.contact`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.mechanics.elements import Element
+from bayestissue.mechanics.elements.element import impactor_share
+from bayestissue.mechanics.oscillator import spring_damper_inverse
+from bayestissue.model.likelihood import small
+from bayestissue.model.likelihood.channels import Channel, MeasuredTraces
+from bayestissue.model.likelihood.element import clipped, contact, noise, spring_damper
+from bayestissue.model.likelihood.element.force import force_channel
+from bayestissue.model.likelihood.element.noise import Noise
+from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
+from bayestissue.model.likelihood.element.response import Response, response
+from bayestissue.model.likelihood.linear_errors import Errors, Products, draw_errors, marginal_log_likelihood
+
+# A response this many times the trace is no impact; the products would keep seven digits.
+_GREATEST = 1e4
+
+
+class NoiseParameters(NamedTuple):
+    """What the noise of each impact has for parameters.
+
+    Attributes:
+        log_sigma: log of the standard deviation [m/s^2].
+        log_discrepancy: log of the discrepancy's rms [m/s^2]; None without one.
+        log_force_sigma: of the noise of a force over mass [m/s^2]; None without one.
+        log_force_ratio: log of that force over recorded mass times deceleration; None without one.
+    """
+
+    log_sigma: Float[Array, " impact"]
+    log_discrepancy: Float[Array, " impact"] | None = None
+    log_force_sigma: Float[Array, " impact"] | None = None
+    log_force_ratio: Float[Array, " impact"] | None = None
+
+
+class Cells(NamedTuple):
+    """A trace for contact in each cell.
+
+    Attributes:
+        products: of residual and error columns, over all channels.
+        errors: known beforehand, that of contact within each cell.
+        log_density: of the trace, the errors integrated out.
+    """
+
+    products: Products
+    errors: Errors
+    log_density: Float[Array, "cell impact"]
+
+
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["parameters", "noise_parameters", "record"],
+    meta_fields=["element"],
+)
+@dataclass(frozen=True)
+class MeasuredImpact(MeasuredTraces):
+    """The likelihood of deceleration traces, the errors of their measuring chain integrated out.
+
+    Attributes:
+        element: what is hit.
+        parameters: as of `response`.
+        noise_parameters: of the noise.
+        record: the traces and what is known of their recording.
+    """
+
+    element: Element
+    parameters: Float[Array, "parameter impact"]
+    noise_parameters: NoiseParameters
+    record: DecelerationRecord
+
+    @property
+    def sigma(self) -> Float[Array, " impact"]:
+        """The noise's standard deviation [m/s^2]."""
+        return jnp.exp(self.noise_parameters.log_sigma)
+
+    def response(self) -> Response:
+        """See `response`."""
+        return response(self.element, self.parameters, self.record)
+
+    @property
+    def errors(self) -> Errors:
+        """The weights of the discrepancy's modes, and the measuring chain's errors; contact is known."""
+        errors = self._errors_by_cell()
+        return errors._replace(sd=errors.sd[0])
+
+    def _errors_by_cell(self) -> Errors:
+        share, rms = self.record.discrepancy.share, self.noise_parameters.log_discrepancy
+        modes = jnp.zeros_like(share) if rms is None else jnp.exp(rms)[:, None] * jnp.sqrt(share)
+        chain = contact.error_sd(self.record)
+        sd = jnp.concatenate([jnp.broadcast_to(modes, (len(chain), *modes.shape)), chain], axis=-1)
+        return Errors(sd, self.record.contact.uniform)
+
+    def channels(self, predicted: Response | None = None) -> list[Channel[Noise]]:
+        """The deceleration and, where one was recorded, the force beside it, for contact in each cell.
+
+        ``predicted`` is `response`, if it is at hand.
+        """
+        predicted = self.response() if predicted is None else predicted
+        deceleration = contact.channel_of(predicted, self.record, self.noise_parameters.log_sigma)
+        return [deceleration, *self._of_force(predicted)]
+
+    def _of_force(self, predicted: Response) -> list[Channel[Noise]]:
+        force, parameters = self.record.force, self.noise_parameters
+        ratio, log_sigma = parameters.log_force_ratio, parameters.log_force_sigma
+        if force is None or predicted.force is None or ratio is None or log_sigma is None:
+            return []
+        return [force_channel(predicted.force, force, ratio, log_sigma)]
+
+    def products(self, predicted: Response | None = None) -> Products:
+        """Of residuals and error columns, over all channels; ``predicted`` as of `channels`."""
+        predicted = self.response() if predicted is None else predicted
+        products = contact.products_in_cells(predicted, self.record, self.noise_parameters.log_sigma)
+        for channel in self._of_force(predicted):
+            products = products.beside(noise.products(channel))
+        return products
+
+    def cells(self, predicted: Response) -> Cells:
+        """The traces for contact in each cell; of a known contact one."""
+        record, products, errors = self.record, self.products(predicted), self._errors_by_cell()
+        density = marginal_log_likelihood(products, errors)
+        if record.clipped is not None:
+            deceleration = self.channels(predicted)[0]
+            density = density + clipped.log_probability(deceleration, record, products, errors)
+        if record.contact.reach:
+            density = density + jnp.log(contact.cell_width(record))
+        return Cells(products, errors, density)
+
+    def log_density(self) -> Float[Array, " impact"]:
+        """Log density of each recorded trace, its errors and its discrepancy integrated out."""
+        record = self.record
+        if record.side_by_side and record.clipped is None:
+            omega_n, zeta = spring_damper_inverse(*self.parameters, record.mass)
+            density = spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
+            return density + record.log_seen_in_interval()
+        predicted = self.response()
+        density = jax.nn.logsumexp(self.cells(predicted).log_density, axis=0)
+        if record.contact.reach:
+            density = density - record.contact.quiet_log_density
+        # Parameters far from anything seen may send a response beyond all bounds, where the products' digits
+        # are lost and a density would be anything.
+        greatest = _GREATEST * jnp.abs(record.d).max(-1)
+        density = jnp.where(jnp.abs(predicted.d).max(-1) <= greatest, density, -jnp.inf)
+        return density + self._of_shared_errors() + record.log_seen_in_interval()
+
+    def _of_shared_errors(self) -> Array | float:
+        """What makes the product over n impacts have the density of an error that all share once.
+
+        Where the noise is small, a height h over the expected h_0 has the density of a normal error of the
+        velocity, exp(-(h / h_0 - 1)^2 / 2 s^2) / h_0. Of n impacts with s n^1/2 in place of s the exponents
+        add up to that, but h_0 divides n times: each has h_0^(1 - 1 / n) too many, h_0 being in proportion to
+        M / (M + m).
+        """
+        record = self.record
+        if record.shared_by is None:
+            return 0.0
+        names = (parameter.name for parameter in self.element.parameters)
+        share = impactor_share(self.element, dict(zip(names, self.parameters, strict=True)), record.mass)
+        return (1 - 1 / record.shared_by) * jnp.log(share)
+
+    def draw_errors(self, key: Array, predicted: Response | None = None) -> Float[Array, "impact error"]:
+        """The errors given the recorded traces, contact time's counted from ``first_time`` (later).
+
+        ``predicted`` as of `channels`.
+        """
+        record, cells = self.record, self.cells(self.response() if predicted is None else predicted)
+        shape = cells.log_density.shape
+        cell = jax.random.categorical(jax.random.fold_in(key, 2), cells.log_density, axis=0)
+
+        def chosen(values: Array) -> Array:
+            """Of the last axes but one."""
+            values = jnp.broadcast_to(values, (*values.shape[:-2], *shape))
+            index = jnp.broadcast_to(cell, (*values.shape[:-2], 1, len(cell)))
+            return jnp.take_along_axis(values, index, -2)[..., 0, :]
+
+        products = cells.products._replace(gram=chosen(small.stacked(cells.products.gram)))
+        known = cells.errors._replace(sd=chosen(jnp.moveaxis(cells.errors.sd, -1, 0)).T)
+        errors = draw_errors(key, products, known)
+        return errors.at[:, CONTACT].add(record.first_time - chosen(record.cells))
+
+    def mean_first_time(self) -> Float[Array, " impact"]:
+        """From contact to the first sample as the traces have it, by the mean over the cells [s]."""
+        if not self.record.contact.reach:
+            return self.record.first_time
+        share = jax.nn.softmax(self.cells(self.response()).log_density, axis=0)
+        return (share * self.record.cells).sum(0)
+
+    def as_drawn(self, contact_error: Float[Array, " impact"]) -> MeasuredImpact:
+        """The same with contact where such an error puts it, and known."""
+        record = self.record
+        known = record.at_contact(jnp.maximum(record.first_time - contact_error, -record.lead * record.dt))
+        known = known._replace(error_sd=known.error_sd.at[:, CONTACT].set(0.0))
+        return MeasuredImpact(self.element, self.parameters, self.noise_parameters, known)
+
+    def with_contact_found(self, key: Array) -> MeasuredImpact:
+        """The same with contact known: where the trace has it, if the record leaves it to be found."""
+        if not self.record.contact.reach:
+            return self
+        return self.as_drawn(self.draw_errors(jax.random.fold_in(key, 3))[:, CONTACT])
+
+    def discrepancy(
+        self, errors: Float[Array, "*batch impact error"]
+    ) -> Float[Array, "*batch impact sample"]:
+        """The discrepancy that is among such errors [m/s^2]."""
+        basis = self.record.discrepancy.basis
+        return jnp.einsum("...im,imr->...ir", errors[..., : basis.shape[1]], basis)
+
+    def residuals(self, errors: Float[Array, "impact error"]) -> Float[Array, "impact sample"]:
+        """What these errors and the impact leave of the recorded traces [m/s^2]; contact is known."""
+        return jnp.where(self.record.inside(), self.channels()[0].left(errors), 0.0)
+
+    def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
+        """A force [N] of the impact and errors that `sample` has by this key; contact is known."""
+        force = self.record.force
+        assert force is not None  # noqa: S101 - for the type checker
+        errors = self.prior_errors(_keys_of_sample(key)[1])
+        key, channel = jax.random.fold_in(key, 5), self.channels()[1]
+        if force.colour is None or force.rate is None:
+            shocks = jax.random.normal(key, force.y.shape)
+        else:
+            shocks = noise.drawn(force.colour, force.rate, key, force.y.shape)
+        drawn = force.y - channel.left(errors) + jnp.exp(channel.log_sigma)[:, None] * shocks
+        return jnp.where(force.inside(), self.record.mass[:, None] * drawn, jnp.nan)
+
+    def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
+        """Draw traces: the impact, its discrepancy, the chain's errors and noise.
+
+        Where the recorded trace has to tell when contact was, contact is where it has it: the samples are
+        counted from what it shows.
+        """
+        if self.record.contact.reach:
+            return self.with_contact_found(key).sample(key, sample_shape)
+        key_of_noise, key_of_errors = _keys_of_sample(key)
+        record, left = self.record, self.channels()[0].left(self.prior_errors(key_of_errors, sample_shape))
+        shocks = jax.random.normal(key_of_noise, left.shape)
+        if not record.colour.is_white:
+            shocks = noise.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), left.shape)
+        return jnp.where(record.inside(), record.d - left + self.sigma[:, None] * shocks, 0.0)
+
+    def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
+        """What the noise of each trace is, by the names that posteriors have."""
+        return {"sigma_d": self.sigma}
+
+    def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
+        """A replicate of every trace, the deceleration [m/s^2] with its discrepancy; NaN past its end.
+
+        Of a force beside it one too [N].
+
+        Of a clipped trace the sensor's limit cuts it too.
+        """
+        known = self.with_contact_found(key)
+        recorded = known.record.within_limits(known.sample(key))
+        traces = {"deceleration": jnp.where(known.record.inside(), recorded, jnp.nan)}
+        return traces if known.record.force is None else traces | {"force": known._replicated_force(key)}
+
+
+def _keys_of_sample(key: Array) -> tuple[Array, Array]:
+    """Of the noise, and of the chain's errors."""
+    first, second = jax.random.split(key)
+    return first, second

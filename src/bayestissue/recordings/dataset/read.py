@@ -1,0 +1,263 @@
+"""Read and check a dataset folder: everything that is wrong with it comes out at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float64
+
+from bayestissue.base.errors import InputError, Problem, along_with, collected
+from bayestissue.base.runtime import content_hash
+from bayestissue.recordings.dataset.cells import HEIGHTS
+from bayestissue.recordings.dataset.checks import OF_SAMPLES, against_first, check_recordings, stated_problems
+from bayestissue.recordings.dataset.impacts import FILE as IMPACTS
+from bayestissue.recordings.dataset.impacts import ImpactTable, read_impacts
+from bayestissue.recordings.dataset.left_out import FILE as LEFT_OUT
+from bayestissue.recordings.dataset.left_out import LeftOut, read_left_out
+from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.recordings.dataset.plausible import PLAUSIBLE
+from bayestissue.recordings.dataset.recorders import read_recordings
+from bayestissue.recordings.dataset.recordings import Reading, Recordings, Windows, crop, with_limits
+from bayestissue.recordings.dataset.settings import FILE as SETTINGS
+from bayestissue.recordings.dataset.settings import (
+    STANDARD_GRAVITY,
+    ChannelSettings,
+    Settings,
+    SignalSettings,
+    read_settings,
+)
+
+WORKBOOK = "impacts.xlsx"
+
+
+def read_dataset(path: str | Path, *, skip_bad: bool = False, whole: bool = False) -> Dataset:
+    """Read a dataset folder: ``dataset.toml``, ``impacts.csv`` (or ``.xlsx``) and the recordings.
+
+    Impacts that ``left_out.csv`` names are in ``left_out``, whatever is wrong with them.
+
+    Args:
+        path: the folder; ``docs/reference/dataset.md`` describes its layout.
+        skip_bad: leave out impacts with something wrong, and say so in ``left_out``, instead of refusing
+            the whole. What concerns the dataset as a whole is refused either way.
+        whole: use what ``left_out.csv`` names as well.
+
+    Raises:
+        InputError: everything that is wrong, each with its file, row, column, value, what was expected and
+            how to mend it.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        raise InputError.stated(
+            "no-dataset.folder", str(path), value="a file" if folder.exists() else "no such folder"
+        )
+    impacts = _impacts_file(folder)
+
+    def named(problem: Problem) -> Problem:
+        return replace(problem, file=impacts.name) if problem.file == IMPACTS else problem
+
+    return in_words(lambda: _read(folder, impacts, skip_bad=skip_bad, whole=whole), named, impacts.name)
+
+
+def in_words(make: Callable[[], Dataset], words: Callable[[Problem], Problem], table: str) -> Dataset:
+    """A dataset, all that is wrong with it in the words of who made it.
+
+    Args:
+        make: the dataset.
+        words: the problem in these words.
+        table: what they call the table of impacts.
+    """
+    try:
+        data = make()
+    except InputError as error:
+        raise InputError(map(words, error.problems)) from None
+    warnings, left_out = (tuple(map(words, problems)) for problems in (data.warnings, data.left_out))
+    return replace(data, warnings=warnings, left_out=left_out, table=table)
+
+
+def _read(folder: Path, impacts: Path, *, skip_bad: bool, whole: bool) -> Dataset:
+    settings, table = _tables(folder, impacts)
+    with along_with(table.problems):
+        readings = read_recordings(folder, table, settings)
+        by_hand = LeftOut({}) if whole else read_left_out(folder, table.table["impact"])
+    files = list(dict.fromkeys([folder / SETTINGS, impacts, *chain.from_iterable(r.files for r in readings)]))
+    whole_hash = hashed = content_hash(files)
+    if not whole and (folder / LEFT_OUT).exists():
+        hashed = content_hash([*files, folder / LEFT_OUT])
+    data = checked_dataset(settings, table, readings, by_hand, skip_bad=skip_bad)
+    return replace(data, folder=folder, input_hash=hashed, whole_hash=whole_hash)
+
+
+def as_dataset(dataset: Dataset | str | Path) -> Dataset:
+    """A dataset, or the one of a folder.
+
+    Raises:
+        InputError: as of `read_dataset`, or it is neither.
+    """
+    if isinstance(dataset, str | Path):
+        return read_dataset(dataset)
+    if not isinstance(dataset, Dataset):
+        kind = type(dataset).__name__
+        raise InputError.stated("option-value.dataset", "dataset", value=kind)
+    return dataset
+
+
+def checked_dataset(
+    settings: Settings,
+    table: ImpactTable,
+    readings: Sequence[Reading],
+    by_hand: LeftOut | None = None,
+    *,
+    skip_bad: bool = False,
+) -> Dataset:
+    """The dataset of what was read, by every check of recordings.
+
+    Args:
+        settings: what ``dataset.toml`` says.
+        table: the impacts.
+        readings: the recordings of the first channel, and of each further one.
+        by_hand: the impacts that somebody left out.
+        skip_bad: see `read_dataset`.
+
+    Raises:
+        InputError: as of `read_dataset`.
+    """
+    by_hand = by_hand or LeftOut({})
+    chosen = list(by_hand.by_impact.values())
+    _refuse_none_left(chosen, table)
+    signal, impacts = settings.signal, table.table
+    signals = [signal, *(channel.as_signal(signal) for channel in settings.channel)]
+    first, *further = (_cropped(*pair, impacts) for pair in zip(readings, signals, strict=True))
+    low_pass: Any = {"gravity": signal.gravity_m_s2, "recorder": settings.recorder}
+    recordings = Recordings(first.samples, impacts, signal.quantity, settings.uncertainty, **low_pass)
+    recordings = recordings.without(chosen)
+    findings = check_recordings(recordings)
+    problems = [p for p in (*table.problems, *first.problems) if p.impact not in by_hand.by_impact]
+    problems += findings.problems
+    problems += stated_problems(recordings.without(problems))
+    channels = [
+        _checked_channel(channel, one, recordings.without(problems))
+        for channel, one in zip(settings.channel, further, strict=True)
+    ]
+    problems += [p for one in channels for p in one.problems if p.impact not in by_hand.by_impact]
+    if problems and (not skip_bad or any(problem.impact is None for problem in problems)):
+        raise InputError(problems)
+    problems = [*chosen, *problems]
+    _refuse_none_left(problems, table)
+    bad = {problem.impact for problem in problems}
+    warnings = [*_falls_unsaid(signal, impacts.columns), *by_hand.warnings]
+    warnings += [*table.warnings, *_falls_contradicted(signal, table), *findings.warnings]
+    keep = ~impacts["impact"].isin(list(bad)).to_numpy()
+    return Dataset(
+        settings.in_si(),
+        impacts[keep].reset_index(drop=True),
+        first.samples.kept(keep),
+        tuple(one.samples.kept(keep) for one in channels),
+        warnings=tuple(warning for warning in warnings if warning.impact not in bad),
+        left_out=tuple(problems),
+        rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),
+    )
+
+
+def _cropped(reading: Reading, signal: SignalSettings, impacts: pd.DataFrame) -> Reading:
+    """A channel's recordings between the times that are stated, with what is at the sensor's limit.
+
+    Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
+    """
+    windows, names = Windows.stated(impacts, signal), impacts["impact"].tolist()
+    samples, outside = crop(reading.samples, windows, names)
+    samples = with_limits(samples, signal.quantity, signal.limits_si)
+    return replace(reading, samples=samples, problems=[*reading.problems, *outside])
+
+
+def _checked_channel(channel: ChannelSettings, reading: Reading, first: Recordings) -> Reading:
+    """A further channel's recordings with all that is wrong with them.
+
+    Samples and clocks as of the first channel, and what `against_first` finds.
+
+    Args:
+        channel: what ``dataset.toml`` says of it.
+        reading: the recordings, cropped.
+        first: the first channel, of impacts with nothing wrong so far.
+    """
+    impacts = first.impacts
+    if channel.file is not None:
+        # The rate that impacts.csv states is the first channel's.
+        impacts = impacts.drop(columns="sampling_rate_hz", errors="ignore")
+    recordings = Recordings(reading.samples, impacts, first.quantity, first.uncertainty)
+    findings = check_recordings(recordings, OF_SAMPLES)
+    unfit = against_first(findings.sound, first)
+    return replace(reading, problems=[*reading.problems, *findings.problems, *unfit])
+
+
+def _falls_unsaid(signal: SignalSettings, columns: Iterable[str]) -> Iterator[Problem]:
+    """A height of fall where nothing says whether gravity acts along the motion."""
+    heights = [name for name in columns if name.startswith("drop_height")]
+    if heights and "gravity" not in signal.model_fields_set:
+        value = f"a column {heights[0]}, and no signal.gravity"
+        yield Problem.stated("gravity", SETTINGS, column="signal.gravity", value=value)
+
+
+def _falls_contradicted(signal: SignalSettings, table: ImpactTable) -> Iterator[Problem]:
+    """Rows of straight falls whose height and velocity at contact, √(2 g h), differ beyond their last digits.
+
+    A velocity that was measured, and not computed, is some hundredths lower in every row, which is no slip.
+    """
+    columns = [name for name in HEIGHTS if name in table.table]
+    if signal.gravity != "drop" or not columns:
+        return
+    (name, *_), velocity = columns, table.table["velocity_m_s"].to_numpy()
+    height = pd.to_numeric(table.table[name], errors="coerce").to_numpy(float)
+    fallen = np.sqrt(2 * STANDARD_GRAVITY * HEIGHTS[name] * np.where(height > 0, height, np.nan))
+    rounding = _last_digit(height) / (4 * height) * fallen + _last_digit(velocity) / 2
+    off = np.abs(velocity - fallen)
+    agree = off <= rounding * (1 + 1e-9)
+    wrong = (off > rounding * (1 + 1e-9)) & (agree.any() | (off > PLAUSIBLE.fall_off * fallen))
+    for at in np.flatnonzero(wrong):
+        words = {"height": height[at], "name": name, "fallen": fallen[at]}
+        where = IMPACTS, table.row[at], f"velocity_m_s and {name}"
+        value, impact = f"{velocity[at]:g} m/s and {height[at]:g}", str(table.table["impact"].iloc[at])
+        yield Problem.stated("unusual-value.fall", *where, value, impact=impact, **words)
+
+
+def _last_digit(values: Float64[np.ndarray, " impact"]) -> Float64[np.ndarray, " impact"]:
+    """What a unit of the last digit of each number is, as it would be written."""
+    return np.array([10.0 ** -len(f"{value:.12g}".partition(".")[2]) for value in values])
+
+
+def _impacts_file(folder: Path) -> Path:
+    """The table of impacts: a workbook where there is no text.
+
+    Raises:
+        InputError: there are both.
+    """
+    text, workbook = folder / IMPACTS, folder / WORKBOOK
+    if not workbook.is_file():
+        return text
+    if text.is_file():
+        raise InputError.stated("which-impacts", WORKBOOK, value="both")
+    return workbook
+
+
+def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
+    problems: list[Problem] = []
+    settings = table = None
+    with collected(problems):
+        settings = read_settings(folder / SETTINGS)
+    needs_velocity = settings is not None and settings.needs_velocity
+    signal = settings.signal if settings else None
+    with collected(problems):
+        table = read_impacts(impacts, needs_velocity=needs_velocity, stated=signal)
+    if settings is None or table is None:
+        raise InputError(problems + (table.problems if table else []))
+    return settings, table
+
+
+def _refuse_none_left(problems: list[Problem], table: ImpactTable) -> None:
+    if problems and set(table.table["impact"]) <= {problem.impact for problem in problems}:
+        raise InputError([*problems, Problem.stated("none-left", IMPACTS, value="none left")])

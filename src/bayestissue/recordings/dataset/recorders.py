@@ -1,0 +1,547 @@
+"""Recordings out of files: one long table of all samples, or a recorder's file for each impact.
+
+A file is a table (CSV, Excel, Parquet) or of one of `dataset.formats`.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+from bayestissue.base.errors import InputError, Problem, all_of, refuse
+from bayestissue.recordings.dataset.clock_times import within_a_day
+from bayestissue.recordings.dataset.files import Source, error_line, require_small
+from bayestissue.recordings.dataset.formats import (
+    FORMATS,
+    Channel,
+    Contents,
+    Format,
+    Labels,
+    UnfitError,
+    labview,
+    unit_in_name,
+)
+from bayestissue.recordings.dataset.impacts import ImpactTable
+from bayestissue.recordings.dataset.recordings import (
+    Reading,
+    Samples,
+    Windows,
+    crop,
+    in_seconds,
+    in_si,
+    numbers_in,
+)
+from bayestissue.recordings.dataset.settings import ChannelSettings, Settings, SignalSettings
+from bayestissue.recordings.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, read_table
+from bayestissue.recordings.dataset.traces import MIN_SAMPLES, Trace
+from bayestissue.recordings.dataset.units import dimension_of, to_si
+
+LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.xlsx", "traces.parquet")
+_TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
+SUFFIXES = (*TABLE_SUFFIXES, *FORMATS)
+# Names of columns that say time.
+_NAMED = re.compile(
+    r"(?:^|[\W_])(?:time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)(?:[\W_\d]|$)", re.IGNORECASE
+)
+# Of a sampling interval: times that differ by less are alike.
+_ALIKE = 0.25
+_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+def read_recordings(folder: Path, table: ImpactTable, settings: Settings) -> list[Reading]:
+    """The recordings of the first channel, and those of every further one on the first one's clock.
+
+    Args:
+        folder: the dataset's.
+        table: the impacts.
+        settings: what ``dataset.toml`` says.
+
+    Raises:
+        InputError: a table can't be read, or lacks a channel's column; there is no table of samples, or more
+            than one, or one beside a column ``trace``.
+    """
+    impacts = table.table["impact"].tolist()
+    path = _long_table(folder, in_files="trace" in table.table)
+
+    def read(signal: SignalSettings, first: SignalSettings | None = None) -> Reading:
+        if path is None:
+            return read_files(folder, table, signal, first)
+        return _read_long(path, impacts, signal, first)
+
+    def read_further(channel: ChannelSettings) -> Reading:
+        signal = channel.as_signal(settings.signal)
+        if channel.file is not None:
+            return on_first_clock(_read_long(folder / channel.file, impacts, signal), channel)
+        return on_first_clock(read(signal, settings.signal), channel)
+
+    return [read(settings.signal), *all_of(read_further, settings.channel)]
+
+
+def _long_table(folder: Path, *, in_files: bool) -> Path | None:
+    """The one table of all samples; None where each impact has a file, beside which there must be none."""
+    paths = [folder / name for name in LONG_TABLES if (folder / name).exists()]
+    if in_files:
+        if paths:
+            value = f"{paths[0].name} beside a column trace in impacts.csv"
+            raise InputError.stated("which-recordings.both", paths[0].name, value=value)
+        return None
+    if len(paths) > 1:
+        listed = ", ".join(path.name for path in paths)
+        raise InputError.stated("which-recordings.several", paths[0].name, value=listed)
+    if not paths:
+        tables, value = ", ".join(LONG_TABLES), "no table of samples"
+        raise InputError.stated("which-recordings.no-table", LONG_TABLES[0], value=value, tables=tables)
+    return paths[0]
+
+
+def on_first_clock(reading: Reading, channel: ChannelSettings) -> Reading:
+    """A channel's recordings by the first channel's clock."""
+    time = reading.samples.time_s + channel.time_offset_s
+    return replace(reading, samples=replace(reading.samples, time_s=time))
+
+
+def _read_long(
+    path: Path, impacts: list[str], signal: SignalSettings, first: SignalSettings | None = None
+) -> Reading:
+    """The recordings in one long table of all samples.
+
+    Args:
+        path: of the table.
+        impacts: the names in ``impacts.csv``, in order.
+        signal: names of the columns, units, scale and offset.
+        first: of a further channel the settings of the first one, which stands in the same table.
+    """
+    table = read_table(
+        Source(path, path.name, stated=signal),
+        numbers=[signal.time_column, signal.value_column],
+        labels=["impact"],
+        optional=partial(clocks_beside, signal, first),
+    )
+    table, signal = at_own_clock(table, signal, first, path.name)
+    rows = table.first_row + np.arange(table.labels["impact"].codes.size)
+    return replace(long_reading(path.name, table, rows, impacts, signal), files=[path])
+
+
+def long_reading(
+    file: str, table: Contents, rows: Int[np.ndarray, " row"], impacts: list[str], signal: SignalSettings
+) -> Reading:
+    """The recordings in columns that were read already, sorted by impact.
+
+    Args:
+        file: what messages call the table.
+        table: impact, time and value of each sample, in their units.
+        rows: of each sample what messages call its row.
+        impacts: the names that there should be, in order.
+        signal: names of the columns, units, scale and offset.
+    """
+    times, readings = table.channels[signal.time_column], table.channels[signal.value_column]
+    labels = table.labels["impact"]
+    position = {name: index for index, name in reversed(list(enumerate(impacts)))}
+    codes = np.array([position.get(name, -1) for name in labels.names], int)[labels.codes]
+    order = _order(codes)
+    count = np.bincount(codes[codes >= 0], minlength=len(impacts))
+    has = np.flatnonzero(count)
+    samples = Samples(
+        times_of(times, signal)[order],
+        in_si(readings.values, signal)[order],
+        np.concatenate([[0], np.cumsum(count[has])]),
+        has,
+        [file] * has.size,
+        rows[order],
+        signal.time_column,
+        signal.value_column,
+        _reordered_text({**times.text, **readings.text}, order, codes.size),
+    )
+    missing = [
+        Problem.stated("impacts-and-recordings.missing", file, None, "impact", "no samples", impact=name)
+        for index, name in enumerate(impacts)
+        # A name that stands there twice has been reported as such.
+        if not count[index] and name and position[name] == index
+    ]
+    return Reading(samples.to_their_ends, [*_unknown_impacts(file, labels, codes, rows), *missing], [])
+
+
+def _order(codes: np.ndarray) -> np.ndarray | slice:
+    if codes.size and codes[0] >= 0 and (codes[1:] >= codes[:-1]).all():
+        return slice(None)
+    return np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :]
+
+
+def _reordered_text(text: dict[int, str], order: np.ndarray | slice, rows: int) -> dict[int, str]:
+    if not text:
+        return {}
+    where = np.arange(rows)[order]
+    sites = np.flatnonzero(np.isin(where, list(text)))
+    return {int(site): text[int(where[site])] for site in sites}
+
+
+def _unknown_impacts(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -> Iterator[Problem]:
+    strange = np.flatnonzero(codes < 0)
+    for code, index in zip(*np.unique(labels.codes[strange], return_index=True), strict=True):
+        name, row = labels.names[code], rows[strange[index]]
+        value = name or "an empty cell"
+        yield Problem.stated("impacts-and-recordings.unknown", file, row, "impact", value, impact=name)
+
+
+def read_files(
+    folder: Path, table: ImpactTable, signal: SignalSettings, first: SignalSettings | None = None
+) -> Reading:
+    """Read one recorder file per impact, as the column ``trace`` names them.
+
+    Args:
+        folder: the dataset's.
+        table: the impacts, with a column ``trace`` and perhaps ``sampling_rate_hz``.
+        signal: names of the channels, units, scale and offset.
+        first: of a further channel the settings of the first one.
+    """
+    impacts, rows = table.table, table.row
+    problems: list[Problem] = []
+    pieces: list[Samples] = []
+    names = impacts["impact"].tolist()
+    rates, windows = numbers_in(impacts, "sampling_rate_hz"), Windows.stated(impacts, signal)
+    taken: dict[Source, list[int]] = {}
+    held: tuple[tuple[Source, str], Samples] | None = None
+    size = 0
+    for index, name in enumerate(impacts["trace"]):
+        try:
+            source = _inside(folder, name, int(rows[index]))
+            _require_apart(source, index, int(rows[index]), taken, windows)
+            # One that several impacts share is read once: they mostly follow each other.
+            key = (source, str(rates[index]))
+            if held is None or held[0] != key:
+                held = key, _samples(read_recording(source, signal, first), rates[index], name, signal)
+            whole = replace(held[1], impact=np.array([index]), file=[name])
+        except InputError as error:
+            of_impact = partial(replace, impact=names[index] or None, files_read=len(impacts))
+            problems += map(of_impact, error.problems)
+            continue
+        taken.setdefault(source, []).append(index)
+        piece, outside = crop(whole, windows, names)
+        problems += outside
+        if not outside:
+            size += piece.time_s.nbytes + piece.value.nbytes
+            require_small(size, "the recordings together")
+            pieces.append(piece)
+    files = list(dict.fromkeys(source.path for source in taken))
+    return Reading(Samples.joined(pieces, signal), problems, files)
+
+
+def read_one(source: Source, signal: SignalSettings, rate: float = np.nan) -> Trace:
+    """A whole recording, in SI units.
+
+    Args:
+        source: the file.
+        signal: names of the channels, units, scale and offset.
+        rate: the sampling rate in Hz, where the file has no times.
+
+    Raises:
+        InputError: the file is missing or damaged, lacks a channel, or has no times.
+    """
+    return _samples(read_recording(source, signal), rate, source.label, signal)[0]
+
+
+def _samples(recorded: Channel, rate: float, file: str, signal: SignalSettings) -> Samples:
+    """The recording in SI units, its times by the sampling rate (Hz) where it has none."""
+    time, count = recorded.clock, len(recorded.values)
+    if time is None and np.isfinite(rate):
+        time = np.arange(count) / rate
+    if time is None:
+        raise InputError.stated("no-times", file, column=signal.time_column, value="no times")
+    start, rows = np.array([0, count]), np.arange(count) if recorded.rows is None else recorded.rows
+    names, value = (signal.time_column, signal.value_column), in_si(recorded.values, signal)
+    return Samples(time, value, start, np.array([0]), [file], rows, *names, recorded.text).to_their_ends
+
+
+def _require_apart(
+    source: Source, index: int, row: int, taken: dict[Source, list[int]], windows: Windows
+) -> None:
+    """Refuse a recording, or a part of one, that an earlier impact has."""
+    start, stop, others = windows.start[index], windows.stop[index], taken.get(source, [])
+    if ((start < windows.stop[others]) & (windows.start[others] < stop)).any():
+        cropped = np.isfinite(start) or np.isfinite(stop)
+        value = f"{source.label}, from {start:.6g} to {stop:.6g} s" if cropped else source.label
+        raise InputError.stated("impacts-and-recordings.shared", "impacts.csv", row, "trace", value)
+
+
+def _inside(folder: Path, name: str, row: int) -> Source:
+    if not name:
+        raise InputError.stated("which-recordings.none", "impacts.csv", row, "trace", "an empty cell")
+    try:
+        path = (folder / name).resolve()
+        outside = Path(name).is_absolute() or not path.is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):
+        outside = True
+    if outside:
+        raise InputError.stated("which-recordings.outside", "impacts.csv", row, "trace", name)
+    remedy = "Correct the cell in column trace of impacts.csv, or put the file there."
+    return Source.at(path, name, remedy=remedy)
+
+
+def read_recording(source: Source, signal: SignalSettings, first: SignalSettings | None = None) -> Channel:
+    """Read the recording of one impact: raw values, times in s if the file has any, and rows.
+
+    The channel ``signal.value_column`` holds the values; where that was left at its default, the only
+    channel of a file will do. Time is the channel ``signal.time_column``, else the recorder's own clock.
+
+    Args:
+        source: the file; its suffix says the format.
+        signal: the names of the channels, and how a text is written.
+        first: those of the first channel, where this is a further one: see `own_clock`.
+
+    Raises:
+        InputError: the file is missing, damaged, of an unknown format, or lacks a channel.
+    """
+    form = _format_of(source)
+    if form is None:
+        return _from_table(replace(source, stated=signal), signal, first)
+    contents = _contents(source, form)
+    if len(contents.blocks) > 1:
+        value, part = f"{len(contents.blocks)} blocks", f"{source.label}#1"
+        raise InputError.stated("no-channel.blocks", source.label, value=value, first=part)
+    return _pick(contents, source.label, signal, first)
+
+
+def contents_of(source: Source) -> Contents:
+    """All channels of numbers in a file or a part of it; of a table every column of numbers.
+
+    Raises:
+        InputError: the file is missing, damaged or of an unknown format.
+    """
+    form = _format_of(source)
+    if form is not None:
+        return _contents(source, form)
+    table = read_table(source, numbers=None)
+    return replace(table, channels={name: _whole(name, table.channels[name]) for name in table.channels})
+
+
+def _format_of(source: Source) -> Format | None:
+    """The format of a recorder's file, by its name, else by how it begins; None of a table."""
+    suffix = source.suffix
+    if suffix in FORMATS and suffix != labview.SUFFIX:
+        return FORMATS[suffix]
+    begin, is_labview = _begin(source.path), suffix == labview.SUFFIX
+    if labview.is_measurement(begin) or (is_labview and not labview.is_headerless(begin)):
+        return FORMATS[labview.SUFFIX]
+    # Whoever reads a file that is not there, or empty, says so.
+    if is_labview or suffix in _TABLES or is_text_of_numbers(source.path):
+        return None
+    endings = ", ".join((*SUFFIXES, *TEXT_SUFFIXES))
+    raise InputError.stated("recorder-format", source.label, value=source.path.name, endings=endings)
+
+
+def _begin(path: Path) -> bytes:
+    with suppress(OSError, ValueError), path.open("rb") as file:
+        return file.read(labview.HEADER)
+    return b""
+
+
+def is_text_of_numbers(path: Path) -> bool:
+    """Whether a file of whatever ending is a text that goes on in lines of numbers."""
+    begin = _begin(path)
+    if b"\0" in begin or not begin.strip():
+        return False
+    lines = begin.splitlines()[:-1] or begin.splitlines()
+    cells = [cell for line in lines[len(lines) // 2 :] for cell in re.split(rb"[\s,;|]+", line) if cell]
+    numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in cells)
+    return len(lines) >= MIN_SAMPLES and numbers > 0.8 * len(cells)
+
+
+def _whole(name: str, column: Channel) -> Channel:
+    """A column with its unit, without empty cells behind its end, where others of the table are longer."""
+    count = int(np.flatnonzero(np.isfinite(column.values))[-1]) + 1
+    clock = None if column.clock is None else column.clock[:count]
+    return replace(column, values=column.values[:count], clock=clock, unit=column.unit or unit_in_name(name))
+
+
+def long_enough(channels: Mapping[str, Channel]) -> list[str]:
+    """The channels that can be recordings of an impact: `MIN_SAMPLES` samples or more."""
+    return [name for name, channel in channels.items() if channel.values.size >= MIN_SAMPLES]
+
+
+def _contents(source: Source, form: Format) -> Contents:
+    data, label = source.read(share=form.share), source.label
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            contents = form.read(data, label)
+    except UnfitError as error:
+        words = {"expected": error.expected, "remedy": error.remedy}
+        raise InputError.stated("recorder-file", label, value=error.value, **words) from None
+    except InputError:
+        raise
+    except Exception as error:
+        # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
+        line = error_line(error)
+        suffix = source.suffix if source.suffix in form.suffixes else form.suffixes[0]
+        raise InputError.stated("damaged-file.recorder", label, value=line, suffix=suffix) from error
+    if not source.part:
+        return contents
+    blocks = contents.blocks or (contents,)
+    if not 1 <= int(source.part) <= len(blocks):
+        raise InputError.stated("no-channel.block", label, value=f"#{source.part}", count=len(blocks))
+    return blocks[int(source.part) - 1]
+
+
+def _from_table(source: Source, signal: SignalSettings, first: SignalSettings | None) -> Channel:
+    wanted = [signal.value_column]
+    if "time_column" in signal.model_fields_set:
+        wanted.insert(0, signal.time_column)
+    table = read_table(source, numbers=wanted, optional=partial(clocks_beside, signal, first))
+    table, signal = at_own_clock(table, signal, first, source.label)
+    value, time = table.channels[signal.value_column], table.channels.get(signal.time_column)
+    rows = table.first_row + np.arange(value.values.size)
+    if time is None:
+        return replace(value, rows=rows)
+    return replace(value, clock=times_of(time, signal), rows=rows, text={**time.text, **value.text})
+
+
+def _pick(contents: Contents, label: str, signal: SignalSettings, first: SignalSettings | None) -> Channel:
+    problems, channels = [], contents.channels
+    name = signal.value_column
+    if name not in channels and "value_column" not in signal.model_fields_set:
+        others = [channel for channel in long_enough(channels) if channel != signal.time_column]
+        name = others[0] if len(others) == 1 else name
+    for key, wanted in (("value_column", name), ("time_column", signal.time_column)):
+        if wanted not in channels and (key == "value_column" or key in signal.model_fields_set):
+            listed = ", ".join(channels) or "no channels of numbers"
+            problems.append(Problem.stated("no-channel.named", label, None, wanted, listed, setting=key))
+    refuse(problems)
+    value, time = channels[name], channels.get(signal.time_column)
+    if time is not None and first is not None:
+        _, time = own_clock(contents, signal, first, label)
+    count = value.values.size
+    if count < MIN_SAMPLES and (others := long_enough(channels)):
+        limits = {"least": MIN_SAMPLES, "others": ", ".join(others)}
+        raise InputError.stated("no-channel.short", label, column=name, value=f"{count} samples", **limits)
+    if time is not None and time.values.size != count:
+        where = label, None, signal.time_column, time.values.size
+        raise InputError.stated("clock-and-channel.count", *where, channel=name, count=count)
+    clock = value.clock if time is None else in_seconds(time.values, signal)
+    rows = contents.first_row + np.arange(count) if value.rows is None else value.rows
+    return Channel(value.values, clock, rows=rows)
+
+
+def clocks_among(names: Sequence[str]) -> list[str]:
+    """The names that say time, and state no unit of anything else."""
+    units = {name: unit_in_name(name) for name in names if _NAMED.search(name)}
+    return [name for name, unit in units.items() if dimension_of(unit) in (None, "time")]
+
+
+def times_of(column: Channel, signal: SignalSettings) -> np.ndarray:
+    """The times that a column holds, s."""
+    return column.values if column.since is not None else in_seconds(column.values, signal)
+
+
+def own_clock(
+    contents: Contents, signal: SignalSettings, first: SignalSettings, label: str
+) -> tuple[str, Channel | None]:
+    """The name and the times of a channel, in the unit and since the beginning of the first one's.
+
+    Where the values of each channel stand behind times of their own, these are the nearest before them. Where
+    the places do not tell, the first channel's times, if no others contradict them.
+
+    Args:
+        contents: of the file, at least what is among `clocks_among` and both channels' times.
+        signal: the settings of the channel.
+        first: those of the first one; of itself where there is one channel.
+        label: what to call the file in a message.
+
+    Raises:
+        InputError: times that differ could all be the channel's.
+    """
+    names, columns = contents.names, contents.channels
+    shared = columns.get(first.time_column)
+    if signal.time_column != first.time_column or shared is None:
+        times = columns.get(signal.time_column)
+        return signal.time_column, times if times is None else _as_beside(
+            times, signal.time_column, shared, first
+        )
+    named = [name for name in names if name in {*clocks_among(names), first.time_column}]
+    clocks = [name for name in named if name in columns and _rises(columns[name], shared)]
+
+    def before(value: str) -> str | None:
+        above = names[: names.index(value)] if value in names else ()
+        return next((name for name in reversed(above) if name in clocks), None)
+
+    own, of_first = before(signal.value_column), before(first.value_column)
+    if own is not None and own != of_first == first.time_column:
+        return own, _as_beside(columns[own], own, shared, first)
+    # Times that no column of values stands behind.
+    alone = {name for name, behind in pairwise([*names, first.time_column]) if behind in clocks}
+    for name in clocks:
+        times = _as_beside(columns[name], name, shared, first)
+        if name in alone | {own, of_first} and _contradict(shared.values, times.values):
+            listed = ", ".join(clocks)
+            raise InputError.stated(
+                "clock-and-channel.which", label, value=listed, channel=signal.value_column
+            )
+    return first.time_column, shared
+
+
+def clocks_beside(signal: SignalSettings, first: SignalSettings | None, names: Sequence[str]) -> list[str]:
+    """Which columns of times are read beside a channel: its own, and of a further one all of `own_clock`.
+
+    Args:
+        signal: the settings of the channel.
+        first: those of the first channel; None where this is the first, or has a table of its own.
+        names: of all columns of the table.
+    """
+    clocks = [signal.time_column]
+    if first is not None and first.time_column in names:
+        clocks += [first.time_column, *clocks_among(names)]
+    return list(dict.fromkeys(clocks))
+
+
+def at_own_clock(
+    table: Contents, signal: SignalSettings, first: SignalSettings | None, label: str
+) -> tuple[Contents, SignalSettings]:
+    """A table with a further channel's times by `own_clock`, and the settings with their name.
+
+    Args:
+        table: with the columns of `clocks_beside`.
+        signal: the settings of the channel.
+        first: as of `clocks_beside`.
+        label: what to call the file in a message.
+    """
+    if first is None or first.time_column not in table.names:
+        return table, signal
+    name, times = own_clock(table, signal, first, label)
+    if times is None:
+        return table, signal
+    table = replace(table, channels=table.channels | {name: times})
+    return table, signal.model_copy(update={"time_column": name})
+
+
+def _rises(times: Channel, like: Channel) -> bool:
+    known = times.values[np.isfinite(times.values)]
+    same = (times.since is None) == (like.since is None)
+    return same and known.size > 1 and bool(known[-1] > known[0])
+
+
+def _as_beside(times: Channel, name: str, shared: Channel | None, first: SignalSettings) -> Channel:
+    """Times in the unit of others; times of day since the beginning of these."""
+    if shared is None:
+        return times
+    if times.since is not None and shared.since is not None:
+        return replace(times, values=times.values + within_a_day(times.since - shared.since))
+    units = (times.unit or unit_in_name(name), shared.unit or unit_in_name(first.time_column))
+    if units[0] == units[1] or {dimension_of(unit, ["time"]) for unit in units} != {"time"}:
+        return times
+    return replace(times, values=times.values * (to_si(units[0], "time") / to_si(units[1], "time")))
+
+
+def _contradict(times: np.ndarray, others: np.ndarray) -> bool:
+    """Whether two clocks ran at the same time, and show other times for the same rows."""
+    times, others = (each[np.isfinite(each)] for each in (times, others))
+    together = max(times.min(), others.min()) < min(times.max(), others.max())
+    step = np.ptp(times) / (times.size - 1)
+    return bool(together and (times.size != others.size or np.abs(times - others).max() > _ALIKE * step))

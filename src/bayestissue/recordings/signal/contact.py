@@ -1,0 +1,274 @@
+"""Where contact begins in a recording, and what was recorded before it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY, Quantity
+from bayestissue.recordings.dataset.traces import Trace, Traces
+from bayestissue.recordings.signal.settings import CONTACT, SignalOptions
+from bayestissue.recordings.signal.traces import (
+    Column,
+    Index,
+    Mask,
+    PaddedTraces,
+    at,
+    first_where,
+    from_sample,
+    last_where,
+    noise_sd,
+    segment_moments,
+    stack,
+    standard_error,
+)
+
+type LastBelow = Callable[[Column], Index]
+
+
+@dataclass(frozen=True)
+class Onset:
+    """What surrounds contact, per impact.
+
+    ``first`` is the first sample certain to be in contact; contact came between ``least`` and ``most``
+    seconds before it. ``offset`` is the mean of the quiet part, 0 where ``quiet`` is false; it has
+    ``quiet_samples``. ``noise_sd`` is the standard deviation of the recorder's noise. Both have the unit of
+    the recording. ``doubtful`` says that a chosen contact is more than 1 ms, and five samples, from where the
+    trace itself shows it. ``reach`` seconds before ``first`` a force that rises from 0 may have begun without
+    showing in the noise; 0 where contact is given.
+    """
+
+    first: Index
+    least: Column
+    most: Column
+    offset: Column
+    noise_sd: Column
+    quiet: Mask
+    quiet_samples: Index
+    doubtful: Mask
+    reach: Column
+    blurred: Mask
+
+    @property
+    def offset_sd(self) -> Column:
+        """Standard deviation of the error of the quiet part's mean; of no account where there is none."""
+        count = np.maximum(self.quiet_samples, 1)
+        of_scatter = standard_error(self.noise_sd, count)
+        return np.where(count >= CONTACT.scatter_samples, of_scatter, self.noise_sd / np.sqrt(count))
+
+
+def motion_of(traces: Sequence[Trace], quantity: Quantity) -> PaddedTraces:
+    """The recordings of these traces, positive while the impactor slows, from its release on."""
+    slowing = stack(Traces.of(traces).slowing(quantity))
+    return slowing if quantity == "displacement" else since_release(slowing)
+
+
+def since_release(recordings: PaddedTraces) -> PaddedTraces:
+    """Each recording from where its impactor falls freely, if it was held before; else as it is.
+
+    What is held reads one g more than what falls, whatever the zero: most of the samples before the lowest
+    level ahead of the peak do. Noise that hides such a step hides what was held.
+    """
+    g, value, index = STANDARD_GRAVITY, recordings.value, np.arange(recordings.value.shape[1])
+    peak = np.argmax(np.where(recordings.inside, value, -np.inf), axis=1)
+    size = min(CONTACT.quiet_samples, len(index))
+    means = np.lib.stride_tricks.sliding_window_view(value, size, axis=1).mean(axis=-1)
+    ahead = index[: means.shape[1]] < (peak - size)[:, None]
+    lowest = np.argmin(np.where(ahead, means, np.inf), axis=1)
+    high = (value > (at(means, lowest) + g / 2)[:, None]) & (index <= lowest[:, None])
+    last = np.maximum(last_where(high), 0)
+    held, until_peak = index <= last[:, None], index <= np.maximum(peak, last + 1)[:, None]
+    level = np.nanmedian(np.where(held, value, np.nan), axis=1)
+    # The lower quartile: letting go may ring, and the peak's foot is no free fall.
+    falls = np.nanquantile(np.where(until_peak & ~held, value, np.nan), 0.25, axis=1)
+    released = (np.abs((level - falls) / g - 1) < CONTACT.about_g) & (last + 1 >= CONTACT.quiet_samples)
+    released &= CONTACT.certain * noise_sd(recordings) < g / 2
+    if not released.any():
+        return recordings
+    # Letting go takes a while.
+    first = np.where(released, last + 1 + np.ceil(CONTACT.letting_go * (peak - last)).astype(int), 0)
+    return from_sample(recordings, first)
+
+
+def find_onset(recordings: PaddedTraces, options: SignalOptions) -> Onset:
+    """See `_onset`; where noise is large beside the peak, in means of so many samples as leave little of it.
+
+    Contact is then known to within the mean's width only.
+    """
+    sd = noise_sd(recordings)
+    peak = np.maximum(np.where(recordings.inside, recordings.value, 0.0).max(axis=1), 0.0)
+    share = np.minimum(sd, peak) / np.where(peak > 0, peak, 1.0)
+    width = np.minimum((CONTACT.blur * share) ** 2, recordings.n / 8)
+    half = np.maximum(np.ceil((width - 1) / 2), 0).astype(int)
+    if options.contact != "automatic" or not half.any():
+        return _onset(recordings, options, sd)
+    root, blurred = np.sqrt(2 * half + 1), half > 0
+    means = _onset(replace(recordings, value=_means(recordings, half)), options, sd / root)
+    margin = 2 * half * recordings.dt
+    # Means overlap, and the last of them hold samples in contact: the quiet part is that of the samples.
+    last_quiet = means.first - np.rint(means.most / recordings.dt).astype(int)
+    end = np.maximum(last_quiet - half - _ahead(recordings), 0)
+    quiet, offset, noise = _quiet_part(recordings, end, sd, peak, np.zeros_like(sd))
+    return replace(
+        means,
+        first=np.minimum(means.first + half, recordings.n - 1),
+        most=means.most + margin,
+        offset=np.where(blurred, offset, means.offset),
+        noise_sd=np.where(blurred, noise, means.noise_sd),
+        quiet=np.where(blurred, quiet, means.quiet),
+        quiet_samples=np.where(blurred, np.where(quiet, end, 0), means.quiet_samples),
+        reach=means.reach + margin,
+        blurred=blurred,
+    )
+
+
+def _ahead(recordings: PaddedTraces) -> Index:
+    """Samples before contact that a filter run backwards answers in."""
+    return np.ceil(recordings.ahead_s / recordings.dt).astype(int)
+
+
+def _means(recordings: PaddedTraces, half: Index) -> np.ndarray:
+    """The mean of each sample and ``half`` of them on either side, of fewer at a recording's ends."""
+    sums = np.pad(np.cumsum(np.where(recordings.inside, recordings.value, 0.0), axis=1), ((0, 0), (1, 0)))
+    index = np.arange(recordings.value.shape[1])
+    low = np.maximum(index - half[:, None], 0)
+    high = np.minimum(index + half[:, None] + 1, recordings.n[:, None])
+    rows = np.take_along_axis(sums, high, axis=1) - np.take_along_axis(sums, low, axis=1)
+    return np.where(recordings.inside, rows / np.maximum(high - low, 1), recordings.value)
+
+
+def _onset(recordings: PaddedTraces, options: SignalOptions, noise: Column) -> Onset:
+    """Contact in recorded decelerations (m/s², positive while the impactor slows), all impacts at once.
+
+    automatic: the baseline is the mean of the quiet part, or 0 where the recording has none. Going back
+    from the peak, the last sample less than five noise standard deviations above the baseline ends the
+    search: the one after it is certain to be in contact, and contact lies after the last sample within three
+    standard deviations. Where the rise is so gentle that several samples lie between the two, half as many
+    again are allowed for before. What a filter run backwards answers before contact is not quiet. threshold
+    and time-zero: see `SignalOptions`.
+    """
+    deceleration = np.where(recordings.inside, recordings.value, -np.inf)
+    peak_index = np.argmax(deceleration, axis=1)
+    peak = at(recordings.value, peak_index)
+    until_peak = np.arange(deceleration.shape[1]) <= peak_index[:, None]
+
+    def last_below(level: Column) -> Index:
+        return last_where((deceleration <= level[:, None]) & until_peak)
+
+    sd = np.maximum(noise, CONTACT.rounding * np.abs(peak))
+    baseline = _first_baseline(recordings, peak, last_below)
+    first = last_below(baseline + CONTACT.certain * sd) + 1
+    ahead = _ahead(recordings)
+    quiet, baseline, sd = _quiet_part(recordings, first - ahead, sd, peak, baseline)
+    # The second look has the mean and the scatter of the whole quiet part to go by.
+    first = last_below(baseline + CONTACT.certain * sd) + 1
+    last_quiet = _last_quiet(recordings, first, baseline, sd)
+    quiet, offset, sd = _quiet_part(recordings, last_quiet - ahead, sd, peak, baseline)
+    least, most = np.zeros(len(peak)), recordings.span(last_quiet, first)
+    shown, earliest, end = first, most, last_quiet
+    passed = (deceleration >= (baseline + 2 * CONTACT.certain * sd)[:, None]) & until_peak
+    passed &= np.arange(deceleration.shape[1]) >= first[:, None]
+    rise = recordings.span(first, first_where(passed, first))
+    reach = np.maximum(CONTACT.reach * most, CONTACT.rises * rise) + 2 * recordings.dt
+    if options.contact == "threshold":
+        level = offset + CONTACT.threshold * (peak - offset)
+        first = last_below(level) + 1
+        most = least = _since_crossing(recordings, level, first) * recordings.span(first - 1, first)
+        reach = reach + np.maximum(recordings.span(shown, first), 0)
+    elif options.contact == "time-zero":
+        first, least = from_time_zero(recordings)
+        end = first - 1
+        quiet, offset, sd = _quiet_part(recordings, end - ahead, sd, peak, offset)
+        most, reach = least, np.zeros_like(least)
+    later = recordings.span(shown, first) - least
+    tolerance = np.maximum(CONTACT.doubtful_s, 5 * recordings.dt)
+    doubtful = (least == most) & ((later > tolerance) | (later < -earliest - tolerance))
+    return Onset(
+        first,
+        least,
+        most,
+        offset,
+        sd,
+        quiet,
+        np.where(quiet, end - ahead, 0),
+        doubtful,
+        reach,
+        np.zeros_like(quiet),
+    )
+
+
+def displacement_contact(recordings: PaddedTraces, options: SignalOptions) -> tuple[Index, Column]:
+    """The first sample of a displacement at or after contact, and the seconds from contact to it.
+
+    automatic: displacement is counted into the tissue, so contact is where it last passes 0 on its way up
+    to the peak, or the first sample where the recording begins above 0. threshold: where it passes that
+    fraction of its peak. time-zero: time 0.
+    """
+    if options.contact == "time-zero":
+        return from_time_zero(recordings)
+    x = np.where(recordings.inside, recordings.value, -np.inf)
+    top = np.argmax(x, axis=1)
+    level = CONTACT.threshold * x.max(axis=1) if options.contact == "threshold" else np.zeros(len(x))
+    until_peak = np.arange(x.shape[1]) <= top[:, None]
+    # A rest of exact zeros, as a coarse recorder writes it, is before contact; its last zero may be contact.
+    still = np.pad((x[:, :-1] == level[:, None]) & (x[:, 1:] == level[:, None]), ((0, 0), (0, 1)))
+    first = last_where(((x < level[:, None]) | still) & until_peak) + 1
+    return first, _since_crossing(recordings, level, first) * recordings.dt
+
+
+def from_time_zero(recordings: PaddedTraces) -> tuple[Index, Column]:
+    """The first sample at or after time 0, and the seconds from time 0 to it."""
+    # Times are sums and quotients in floating point: a millionth of an interval counts as no time.
+    since = -recordings.start / recordings.dt - 1e-6
+    first = np.ceil(since).astype(int)
+    if recordings.sample_number is not None:
+        first = first_where(recordings.inside & (recordings.sample_number >= since[:, None]), recordings.n)
+    first = np.clip(first, 0, recordings.n - 1)
+    return first, np.maximum(recordings.start + recordings.sample_number_of(first) * recordings.dt, 0)
+
+
+def _first_baseline(recordings: PaddedTraces, peak: Column, last_below: LastBelow) -> Column:
+    start, _ = segment_moments(recordings.value, np.minimum(recordings.n, CONTACT.quiet_samples))
+    start = np.where(start < CONTACT.quiet_ceiling * peak, start, 0)
+    low = last_below(start + 0.2 * (peak - start)) + 1
+    # The later half of these samples may hold the foot of a gentle rise.
+    mean, _ = segment_moments(recordings.value, low // 2)
+    return np.where((low // 2 >= CONTACT.quiet_samples) & (mean < CONTACT.quiet_ceiling * peak), mean, start)
+
+
+def _quiet_part(
+    recordings: PaddedTraces, end: Index, sd: Column, peak: Column, otherwise: Column
+) -> tuple[Mask, Column, Column]:
+    end = np.maximum(end, 0)
+    mean, scatter = segment_moments(recordings.value, end)
+    early, _ = segment_moments(recordings.value, end // 2)
+    drift = 2 * np.abs(mean - early)
+    level = drift <= np.maximum(CONTACT.quiet_drift * peak, 8 * sd / np.sqrt(np.maximum(end, 1)))
+    quiet = (end >= CONTACT.quiet_samples) & level & (np.abs(mean) < CONTACT.quiet_ceiling * peak)
+    # Without a quiet part the baseline is 0: an offset can't be told from the impact itself.
+    measured = quiet & (end >= CONTACT.scatter_samples)
+    return (
+        quiet,
+        np.where(quiet, mean, 0),
+        np.where(measured, np.maximum(scatter, CONTACT.rounding * peak), sd),
+    )
+
+
+def _last_quiet(recordings: PaddedTraces, first: Index, baseline: Column, sd: Column) -> Index:
+    before = np.arange(recordings.value.shape[1]) < first[:, None]
+    last = last_where((recordings.value <= (baseline + CONTACT.quiet * sd)[:, None]) & before)
+    gap = first - last
+    # Where d jumps there is no foot: the sample before the jump is a quiet one that noise has lifted.
+    jump = at(recordings.value, first) - at(recordings.value, first - 1) > 2 * CONTACT.certain * sd
+    last = np.where(jump & (gap > 1), first - 1, last)
+    gap = first - last
+    return np.maximum(last - np.where(gap > 1, np.ceil(1.5 * gap).astype(int), 0), -1)
+
+
+def _since_crossing(recordings: PaddedTraces, level: Column, first: Index) -> Column:
+    """The part of the interval before sample ``first`` in which the straight line was above ``level``."""
+    above, below = at(recordings.value, first), at(recordings.value, first - 1)
+    rise = np.where(above > below, above - below, 1)
+    return np.where(first > 0, (above - level) / rise, 0)

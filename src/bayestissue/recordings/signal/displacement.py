@@ -1,0 +1,460 @@
+"""From recorded impacts to the displacements that an estimate uses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from bayestissue.base.errors import Coded, by_impact
+from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.recordings.signal.contact import Onset, displacement_contact, find_onset, motion_of
+from bayestissue.recordings.signal.filters import ahead_s
+from bayestissue.recordings.signal.integration import Rule, clear_velocity, cumulative, derivatives
+from bayestissue.recordings.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
+from bayestissue.recordings.signal.settings import CONTACT, WINDOW, SignalOptions, Window
+from bayestissue.recordings.signal.start import Start, beyond_limit, find_start
+from bayestissue.recordings.signal.traces import (
+    Column,
+    ImpactTraces,
+    Index,
+    Mask,
+    Rows,
+    at,
+    first_where,
+    from_sample,
+    last_where,
+    noise_sd,
+)
+
+FEWEST_SAMPLES = 8
+TOO_FEW = Coded.stated("too-few-samples", fewest=FEWEST_SAMPLES)
+NO_CONTACT = Coded.stated("drift.contact")
+UNEVEN = Coded.stated("uneven-times")
+LONGER = Coded.stated("clipped.few")
+SLOWLY = Coded.stated("few-samples")
+NO_OFFSET = Coded.stated("no-quiet-part")
+ON_SAMPLE = Coded.stated("contact-on-sample")
+NOT_ON_SAMPLE = Coded.stated("contact-between")
+BELOW_ZERO = Coded.stated("starts-deep.below")
+# Samples before contact that are kept, at the most.
+BEFORE = 60
+
+
+@dataclass(frozen=True)
+class Displacements:
+    """Displacements of all impacts over their windows, in SI units.
+
+    Attributes:
+        x: [impact, sample], m, since contact; 0 past a row's end.
+        v: [impact, sample], velocity, m/s.
+        deceleration: [impact, sample], m/s², offset removed; along gravity force over mass.
+        n_samples: [impact], samples in the window.
+        dt: [impact], sampling interval, s; of uneven times the mean one.
+        sample_number: [impact, sample], times of x since the first sample, in sampling intervals: 0, 1, 2 and
+            so on where times are even, else between whole numbers.
+        uneven: [impact], whether times are uneven.
+        clipped: [impact, sample], 1 where the deceleration stands at the sensor's upper limit, -1 at its
+            lower one, else 0; x and v are then of a deceleration that goes on beyond.
+        mass: [impact], kg.
+        velocity: [impact], at contact, m/s.
+        gravity: [impact], along the motion, m/s².
+        contact_time_s: [impact], on the recording's own clock.
+        contact_time_sd: [impact], s; 0 where contact was given.
+        first_sample_s: [impact], time from contact to the first sample of x, s.
+        bracket_s, bracket_sd: [impact], the same and its standard deviation, s, before the samples in contact
+            were asked: what a model of those samples themselves may start from.
+        bracket_uniform: [impact], whether contact may then have been at any moment between two samples.
+        interval_s: [impact], the sampling interval that contact falls in; 0 where that is not known.
+        time_to_peak: [impact], from contact to zero velocity, s.
+        peak_displacement: [impact], at zero velocity, since contact, m.
+        offset: [impact], what was subtracted from the recording, in its own SI unit.
+        offset_sd: [impact], standard error of that, from the noise of the quiet part; NaN where nothing was
+            subtracted.
+        noise_sd: [impact], standard deviation of the recording's white noise, same unit.
+        before: [impact, `BEFORE`], the last samples before the first one of x, offset removed, m/s²; 0 where
+            there are none, as of a recorded displacement.
+        before_s: [impact, `BEFORE`], when these were, since the first sample of x, negative, s.
+        n_before: [impact], how many of these there are.
+        n_since_quiet: [impact], how many of these at most are later than the quiet part whose mean was
+            subtracted; all where there was none.
+        reach_s: [impact], for how long before the first sample a force that rises from 0 may have acted
+            without showing, s; 0 where contact was given.
+        blurred: [impact], where noise hides a jump of the force too: contact was looked for in means.
+        flags: per impact, what is wrong with it.
+        notes: per impact, what is not wrong, but should be known.
+        phase: where contact falls within a sampling interval.
+    """
+
+    x: Rows
+    v: Rows
+    deceleration: Rows
+    n_samples: Index
+    dt: Column
+    sample_number: Rows
+    uneven: Mask
+    clipped: Rows
+    mass: Column
+    velocity: Column
+    gravity: Column
+    contact_time_s: Column
+    contact_time_sd: Column
+    first_sample_s: Column
+    bracket_s: Column
+    bracket_sd: Column
+    bracket_uniform: Mask
+    interval_s: Column
+    time_to_peak: Column
+    peak_displacement: Column
+    offset: Column
+    offset_sd: Column
+    noise_sd: Column
+    before: Rows
+    before_s: Rows
+    n_before: Index
+    n_since_quiet: Index
+    reach_s: Column
+    blurred: Mask
+    flags: list[list[Coded]]
+    notes: list[list[Coded]]
+    phase: Phase = BETWEEN
+
+    @property
+    def traces(self) -> ImpactTraces:
+        """The decelerations of the window."""
+        names = ("sample_number", "clipped", "mass", "velocity", "gravity")
+        columns: Any = {name: getattr(self, name) for name in names}
+        return ImpactTraces(self.deceleration, self.n_samples, self.first_sample_s, self.dt, **columns)
+
+    @property
+    def n_below_limit(self) -> Index:
+        """[impact], samples in the window that are not at the sensor's limit."""
+        return self.n_samples - (self.clipped != 0).sum(axis=1)
+
+    def zero_sd(self, declared: float | Column) -> Column:
+        """[impact], of the zero's error: of the quiet part whose mean was subtracted, else as declared."""
+        return np.where(np.isfinite(self.offset_sd), self.offset_sd, declared)
+
+    @property
+    def since_contact_s(self) -> Rows:
+        """[impact, sample], when each sample of x was, s."""
+        return self.first_sample_s[:, None] + self.sample_number * self.dt[:, None]
+
+
+def displacements(
+    dataset: Dataset, options: SignalOptions | None = None, rule: Rule = "quintic"
+) -> Displacements:
+    """The displacement of every impact, from contact over the window that the options choose.
+
+    v(t) = V − ∫(d − g) and x(t) = ∫v from contact on (thesis, section 2.2), g being gravity along the motion;
+    recorded displacements are taken as they are, from their value at contact. The samples of x are the
+    recorder's own: the first one lies up to one interval after contact, where x is already above 0.
+
+    Args:
+        dataset: the recordings.
+        options: where contact is, and how far the window goes.
+        rule: of both integrations; the thesis's is trapezoidal.
+    """
+    options = options or SignalOptions()
+    mass, velocity = (dataset.impacts[name].to_numpy(dtype=float) for name in ("mass_kg", "velocity_m_s"))
+    gravity = np.full(len(mass), dataset.gravity)
+    blocks = _blocks(len(mass), max(len(trace.value) for trace in dataset.traces))
+
+    def met(rows: slice) -> ImpactTraces:
+        traces = motion_of(dataset.traces[rows], dataset.quantity)
+        ahead = float(ahead_s(dataset.recorder, traces.dt).max())
+        clipped = np.zeros_like(traces.value) if traces.clipped is None else traces.clipped
+        of_impacts = {"mass": mass[rows], "velocity": velocity[rows], "gravity": gravity[rows]}
+        return ImpactTraces(**vars(traces) | of_impacts | {"ahead_s": ahead, "clipped": clipped})
+
+    if dataset.quantity == "displacement":
+        return _joined([_recorded(met(rows), options) for rows in blocks])
+    signals, evidence = zip(*(_integrated(met(rows), options, rule) for rows in blocks), strict=True)
+    if dataset.recorder is not None:
+        # No force jumps behind a low-pass, and contact has no interval of its own.
+        return _joined(signals)
+    sd = np.hypot(dataset.uncertainty.velocity_sd_m_s / velocity, dataset.uncertainty.relative_gain_sd)
+    of_all = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
+    phase = phase_of(of_all, sd, dataset.contact)
+    if phase.known:
+        signals = tuple(_integrated(met(rows), options, rule, phase)[0] for rows in blocks)
+    signal = _joined(signals)
+    of_phase = [ON_SAMPLE] * (phase.known and phase.judged) + [NOT_ON_SAMPLE] * phase.contradicted
+    return replace(signal, phase=phase, notes=[row + of_phase for row in signal.notes])
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Zero velocity: the first sample at or past it, its time since the first sample (s), and x there (m).
+
+    Where the velocity does not reach zero before the tissue stops pushing, the last sample until then stands
+    in; ``reached`` is false unless hardly any velocity is left there.
+    """
+
+    index: Index
+    time: Column
+    x: Column
+    reached: Mask
+
+
+def still_pushed(decelerations: ImpactTraces, noise_sd: Column) -> Mask:
+    """The samples up to the last one with a force clear of the noise; all of them where there is none."""
+    clear = (decelerations.value > CONTACT.certain * noise_sd[:, None]) & decelerations.inside
+    last = np.where(clear.any(axis=1), last_where(clear), clear.shape[1])
+    return np.arange(clear.shape[1]) <= last[:, None]
+
+
+def zero_velocity(slowing: ImpactTraces, v: Rows, x: Rows, pushed: Mask) -> Stop:
+    """Zero velocity by the cubic that has the velocities and decelerations of the samples on either side.
+
+    A mass that a strong damper stops comes back so slowly that errors of a thousandth of the velocity at
+    contact may leave it above zero for good. What comes after the force is no motion on the tissue.
+
+    Args:
+        slowing: decelerations that change the velocity, m/s².
+        v: [impact, sample], m/s.
+        x: [impact, sample], m.
+        pushed: [impact, sample], where the tissue still pushes or will again.
+    """
+    sample_number, dt = slowing.sample_numbers, slowing.dt
+    last = pushed.sum(axis=1) - 1
+    passed = (v <= 0) & pushed
+    index = first_where(passed, last)
+    left = (last < slowing.n - 1) & (at(v, last) < WINDOW.stopped * slowing.velocity)
+    reached = passed.any(axis=1)
+    before = np.maximum(index - 1, 0)
+    v0, v1 = at(v, before), at(v, index)
+    apart = at(sample_number, index) - at(sample_number, before)
+    step = apart * dt
+    m0, m1 = (-at(slowing.value, sample) * step for sample in (before, index))
+    # v(s) = v0 + m0 s + p s² + q s³ over the interval, s from 0 to 1.
+    p, q = 3 * (v1 - v0) - 2 * m0 - m1, m0 + m1 - 2 * (v1 - v0)
+    s = v0 / np.where(v0 > v1, v0 - v1, 1)
+    for _ in range(4):
+        slope = m0 + 2 * p * s + 3 * q * s**2
+        change = (v0 + m0 * s + p * s**2 + q * s**3) / np.where(slope < 0, slope, -1)
+        s = np.clip(s - np.where(slope < 0, change, 0), 0, 1)
+    s = np.where(reached & (index > 0), s, index - before)
+    travelled = (v0 * s + m0 * s**2 / 2 + p * s**3 / 3 + q * s**4 / 4) * step
+    x_stop = np.where(reached, at(x, before) + travelled, at(x, last))
+    return Stop(index, (at(sample_number, before) + s * apart) * dt, x_stop, reached | left)
+
+
+def slowest(displacements: ImpactTraces, v: Rows) -> Stop:
+    """Zero velocity, or, where it isn't reached, the first place where the motion is slowest.
+
+    Args:
+        displacements: from the first sample in contact on, m.
+        v: [impact, sample], m/s.
+    """
+    x, inside, last = displacements.value, displacements.inside, displacements.n - 1
+    slow = v < WINDOW.slow * displacements.velocity[:, None]
+    passed = (v <= 0) & inside
+    reached = passed.any(axis=1)
+    slower = np.pad(v[:, 1:] >= v[:, :-1], ((0, 0), (0, 1))) & slow & inside
+    index = np.where(reached, first_where(passed, last), first_where(slower, last))
+    before = np.maximum(index - 1, 0)
+    v0, v1 = at(v, before), at(v, index)
+    s = np.where(reached & (v0 > v1), v0 / np.where(v0 > v1, v0 - v1, 1), index - before)
+    s = np.clip(s, 0, 1)
+    x_stop = at(x, before) + s * (at(x, index) - at(x, before))
+    return Stop(index, (before + s) * displacements.dt, x_stop, reached)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Decelerations of impacts from their first sample in contact on, and the motion that they give.
+
+    Attributes:
+        traces: the decelerations, m/s².
+        x, v: displacement and velocity, m and m/s.
+        start: contact.
+        stop: zero velocity.
+        noise_sd: of the recordings.
+    """
+
+    traces: ImpactTraces
+    x: Rows
+    v: Rows
+    start: Start
+    stop: Stop
+    noise_sd: Column
+
+    def samples_in(self, window: Window) -> Index:
+        """How many samples from the first one on lie in the window.
+
+        rebound ends where, after zero velocity, d falls below 2 % of its peak or three noise standard
+        deviations (the tissue no longer pushes) or x is back at 0.
+        """
+        d, inside = self.traces.value, self.traces.inside
+        if window == "rebound":
+            floor = np.maximum(0.02 * np.where(inside, d, 0).max(axis=1), 3 * self.noise_sd)
+            over = (d <= floor[:, None]) | (self.x <= 0)
+            late = np.arange(d.shape[1]) >= self.stop.index[:, None]
+            return first_where(over & inside & late, self.traces.n)
+        fraction, since_contact = 1.0 if window == "peak" else float(window), self.start.since_contact
+        until = fraction * (since_contact + self.stop.time) - since_contact
+        return np.sum(inside & (self.traces.time_s <= (until + 1e-9 * self.traces.dt)[:, None]), axis=1)
+
+
+def _integrated(
+    recordings: ImpactTraces, options: SignalOptions, rule: Rule, phase: Phase = BETWEEN
+) -> tuple[Displacements, ContactEvidence]:
+    onset = find_onset(recordings, options)
+    recorded = from_sample(recordings, onset.first)
+    recorded = replace(recorded, value=recorded.value - onset.offset[:, None])
+    bracket = onset.least, onset.most
+    part = replace(recorded, value=beyond_limit(recorded, bracket))
+    d, inside, dt = part.value, part.inside, part.dt
+    slowing = replace(part, value=d - part.gravity[:, None])
+    first = cumulative(slowing, rule)
+    second = cumulative(replace(part, value=first), rule)
+    bracketed = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
+    known = np.where(bracketed, phase.place * dt, np.nan)
+    start = find_start(part, (first, second), bracket, known)
+    v = start.v[:, None] - first
+    x = start.x[:, None] + start.v[:, None] * part.time_s - second
+    # The last sample clear of great noise is one that the noise has lifted.
+    pushed = inside & (still_pushed(part, onset.noise_sd) | onset.blurred[:, None])
+    stop = zero_velocity(slowing, v, x, pushed)
+    flags = {
+        Coded.stated("no-zero-velocity.end"): ~stop.reached,
+        Coded.stated("contact-doubtful"): onset.doubtful,
+        NO_CONTACT: ~onset.quiet & (onset.first >= CONTACT.quiet_samples),
+    }
+    signal = _windowed(
+        Motion(recorded, x, v, start, stop, onset.noise_sd),
+        options,
+        flags,
+        {NO_OFFSET: ~onset.quiet, UNEVEN: part.uneven},
+        offset=onset.offset,
+        offset_sd=np.where(onset.quiet, onset.offset_sd, np.nan),
+        interval_s=np.where(bracketed, dt, 0.0),
+        **_before(recordings, onset),
+    )
+    # Beyond the sensor's limit a trace is what a spring and damper makes of it: it tells nothing of contact.
+    bracketed &= (part.clipped == 0).all(axis=1)
+    # Nor does one that begins with its greatest force, of heavily damped tissue: what falls from there on
+    # falls the same way whenever it began, and least squares have too small an error.
+    bracketed &= d[:, 0] < CONTACT.most_jump * np.where(inside, d, 0.0).max(axis=1)
+    at_zero = np.abs(part.start[:, None] - np.array([0.0, 1.0]) * dt[:, None]) < 1e-6 * dt[:, None]
+    return signal, ContactEvidence(start.free, start.free_sd, start.by_velocity, dt, bracketed, at_zero)
+
+
+def _before(recordings: ImpactTraces, onset: Onset) -> dict[str, Any]:
+    """What was recorded before the first sample in contact: see `Displacements`."""
+    index = onset.first[:, None] - BEFORE + np.arange(BEFORE)
+    value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - onset.offset[:, None]
+    since_first = recordings.sample_number_of(index) - recordings.sample_number_of(onset.first)[:, None]
+    return {
+        "before": np.where(index >= 0, value, 0.0),
+        "before_s": since_first * recordings.dt[:, None],
+        "n_before": np.minimum(onset.first, BEFORE),
+        "n_since_quiet": onset.first - np.where(onset.quiet, onset.quiet_samples, 0),
+        "reach_s": onset.reach,
+        "blurred": onset.blurred,
+    }
+
+
+def _recorded(recordings: ImpactTraces, options: SignalOptions) -> Displacements:
+    """Of recorded displacements."""
+    noise = noise_sd(recordings)
+    first, since_contact = displacement_contact(recordings, options)
+    share = since_contact / recordings.dt
+    level = at(recordings.value, first)
+    at_contact = np.where(first > 0, level - share * (level - at(recordings.value, first - 1)), level)
+    part = from_sample(recordings, first)
+    velocities, curvatures = derivatives(recordings)
+    clear = clear_velocity(recordings, velocities, noise)
+    v, d, clear = (
+        from_sample(replace(recordings, value=rows), first).value for rows in (velocities, curvatures, clear)
+    )
+    velocity = np.where(np.isfinite(part.velocity), part.velocity, v[:, 0])
+    x = part.value - at_contact[:, None]
+    stop = slowest(replace(part, value=x, velocity=velocity), clear)
+    greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
+    below = (greatest <= 0) & (options.contact != "time-zero")
+    flags = {BELOW_ZERO: below, Coded.stated("no-zero-velocity.least"): ~stop.reached & ~below}
+    sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
+    zero, none, rows = np.zeros_like(sd), np.zeros(len(sd), int), np.zeros((len(sd), BEFORE))
+    free = (since_contact, sd, zero)
+    start = Start(since_contact, sd, since_contact, sd, none > 0, *free, x[:, 0], v[:, 0])
+    slowing = replace(part, value=d, velocity=velocity, clipped=np.zeros_like(x))
+    nothing = {"interval_s": zero, "reach_s": zero, "n_before": none, "n_since_quiet": none}
+    nothing |= {"before": rows, "before_s": rows, "blurred": none > 0, "offset_sd": zero * np.nan}
+    motion = Motion(slowing, x, v, start, stop, noise)
+    return _windowed(motion, options, flags, {}, offset=at_contact, **nothing)
+
+
+def _windowed(
+    motion: Motion,
+    options: SignalOptions,
+    flags: dict[Coded, Mask],
+    notes: dict[Coded, Mask],
+    **columns: Any,
+) -> Displacements:
+    """A motion over the window; ``columns`` are attributes as they are."""
+    part, start, stop, n = motion.traces, motion.start, motion.stop, motion.samples_in(options.window)
+    at_limit = part.clipped != 0
+    below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)
+    longer = at_limit.any(axis=1) & (n - below < WINDOW.few_below)
+    slowly = ~longer & (n - below < FEWEST_SAMPLES) & (options.window == "peak") & stop.reached
+    if (longer | slowly).any():
+        # What the sensor did not see on the way in stands on the way back.
+        n = np.where(longer | slowly, np.maximum(n, motion.samples_in("rebound")), n)
+    used = np.arange(int(n.max())) < n[:, None]
+    few = n - (used & at_limit[:, : used.shape[1]]).sum(axis=1) < FEWEST_SAMPLES
+    drifts = few & flags.get(NO_CONTACT, False)
+    of_samples = (motion.x, motion.v, part.value, part.clipped)
+    x, v, d, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in of_samples)
+    return Displacements(
+        x=x,
+        v=v,
+        deceleration=d,
+        clipped=clipped,
+        n_samples=n,
+        dt=part.dt,
+        sample_number=part.sample_numbers[:, : used.shape[1]],
+        uneven=part.uneven,
+        mass=part.mass,
+        velocity=part.velocity,
+        gravity=part.gravity,
+        contact_time_s=part.start - start.since_contact,
+        contact_time_sd=start.since_contact_sd,
+        first_sample_s=start.since_contact,
+        bracket_s=start.bracket,
+        bracket_sd=start.bracket_sd,
+        bracket_uniform=start.bracket_uniform,
+        time_to_peak=start.since_contact + stop.time,
+        peak_displacement=stop.x,
+        noise_sd=motion.noise_sd,
+        flags=by_impact({**flags, NO_CONTACT: drifts, TOO_FEW: few & ~drifts}, len(n)),
+        notes=by_impact({**notes, LONGER: longer, SLOWLY: slowly & ~few}, len(n)),
+        **columns,
+    )
+
+
+def _blocks(count: int, longest: int) -> list[slice]:
+    """Of ``count`` impacts so many at a time that arrays of ``longest`` samples each stay small."""
+    size = max(1, WINDOW.block // longest)
+    return [slice(begin, begin + size) for begin in range(0, count, size)]
+
+
+def _joined(parts: Sequence[Displacements]) -> Displacements:
+    """The impacts of all parts; the phase is that of none of them."""
+    if len(parts) == 1:
+        return parts[0]
+    names = [field.name for field in fields(Displacements) if field.name != "phase"]
+    return Displacements(**{name: _end_to_end([getattr(part, name) for part in parts]) for name in names})
+
+
+def _end_to_end(parts: list[Any]) -> Any:
+    """Lists, columns, or rows of which shorter ones are filled up with 0."""
+    if isinstance(parts[0], list):
+        return [row for part in parts for row in part]
+    if parts[0].ndim == 2:
+        width = max(part.shape[1] for part in parts)
+        parts = [np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts]
+    return np.concatenate(parts)

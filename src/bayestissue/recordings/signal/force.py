@@ -1,0 +1,471 @@
+"""A force that was recorded beside a deceleration, against mass times deceleration.
+
+Of each impact F(t) = r (M - m) d(t) - l r (M - m) d'(t) + b by least squares, from as long before contact as
+the impactor takes to zero velocity until three times as long after it, m being what lies between sensor and
+tissue: the ratio r, which holds the errors of mass and of both gains, the lag l of the force behind the
+deceleration, and the zero b. What the noise of d adds to its sum of squares, which would make r too small, is
+taken off. Where one of the two went through a low-pass of its own, the other is passed through it as well.
+Where l is farther than that finds, it begins at the time by which the two are most alike. A force that is
+late is told from one behind a low-pass, and from one that drifts, by what each of the three leaves of it.
+
+Beside a displacement, whose second derivative is noise, impulses are compared. From contact on a free mass
+has
+
+    int F dt = M (V - v(t) + g t),
+
+which at the greatest depth, where v = 0, is M (V + g t_p). There the ratio of the two sides is 1 of a free
+mass of the declared size, and greater where something else pushes too, such as the leg behind a heel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.recordings.dataset.settings import ChannelSettings, LowPassFilter
+from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES, Displacements
+from bayestissue.recordings.signal.filters import on_even_grid
+from bayestissue.recordings.signal.traces import PaddedTraces, segment_moments, stack
+
+type Times = Float[np.ndarray, "impact sample"]
+
+# The slope is taken over so much of the time to zero velocity on either side: a curve's error is then 0.4 %.
+_REACH = 0.1
+# A force that jumps at contact is not linear in the lag.
+_ROUNDS = 6
+# In times to zero velocity, until when the two are compared: the rebound is over before.
+_AFTER = 3.0
+# Of standard deviations, beyond which two channels contradict each other, or a lag is one.
+_LIMIT = 3.0
+# Of the sampling interval, below which no lag is worth a word.
+_LEAST_LAG = 0.5
+# A ratio is apart from the others by so many of its own errors, and by so much of itself.
+_OWN_ERRORS, _LEAST_APART = 5.0, 0.03
+# In times to zero velocity: how far a force is looked for, and in what steps.
+_FARTHEST, _STEP = 4.0, 0.1
+# Low-passes that may be what a lag is, in Hz; and what a cause may leave of the squares that a lag leaves.
+_CORNERS_HZ, _LEFT = np.geomspace(20.0, 5000.0, 50), 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Force:
+    """The force of every impact, and how it compares with mass times deceleration.
+
+    Attributes:
+        channel: what was recorded.
+        since_contact: of each of its samples [s].
+        value: the force, its zero taken off [N].
+        expected: (M - m) d at these times [N].
+        inside: which samples are compared.
+        ratio: r of each impact; NaN of too few samples, or where the deceleration is clipped.
+        ratio_sd: its standard error.
+        lag: l [s].
+        lag_sd: its standard error [s].
+        dt: sampling interval [s].
+        declared_sd: of r, by what is declared of the mass and of both gains.
+        mass: M - m of each impact [kg].
+        corner_hz: of the low-pass that is mistaken for a lag; 0 where none is, infinite of a drift.
+        impulse: whether impulses are compared, of a displacement. ``value`` is then that of the force since
+            contact, ``expected`` M (V - v + g t) [N s], the ratio that at the greatest depth, with the error
+            that is declared of V, and there is no lag.
+    """
+
+    channel: ChannelSettings
+    since_contact: Float[np.ndarray, "impact sample"]
+    value: Float[np.ndarray, "impact sample"]
+    expected: Float[np.ndarray, "impact sample"]
+    inside: Bool[np.ndarray, "impact sample"]
+    ratio: Float[np.ndarray, " impact"]
+    ratio_sd: Float[np.ndarray, " impact"]
+    lag: Float[np.ndarray, " impact"]
+    lag_sd: Float[np.ndarray, " impact"]
+    dt: Float[np.ndarray, " impact"]
+    declared_sd: float
+    mass: Float[np.ndarray, " impact"]
+    corner_hz: float = 0.0
+    impulse: bool = False
+
+    @property
+    def common(self) -> tuple[float, float]:
+        """The median ratio, and its standard error as the impacts scatter."""
+        return _median(self.ratio, self.ratio_sd)
+
+    @property
+    def common_lag(self) -> tuple[float, float]:
+        """The median lag [s], and its standard error."""
+        return _median(self.lag, self.lag_sd)
+
+    @property
+    def total_sd(self) -> float:
+        """Of the common ratio, what is declared of mass and gains counted in."""
+        # An impulse may be several times M V, and errors are then of as many.
+        times = self.common[0] if self.impulse else 1.0
+        return float(np.hypot(self.common[1], times * self.declared_sd))
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the ratio is farther from 1 than what is declared allows."""
+        ratio, sd = self.common[0], self.total_sd
+        if self.impulse:
+            return bool(ratio <= 0 or abs(np.log(ratio)) > _LIMIT * sd / ratio)
+        return bool(abs(ratio - 1) > _LIMIT * sd)
+
+    @property
+    def lags(self) -> bool:
+        """Whether the force is early or late by more than its error, and by half a sampling interval."""
+        lag, sd = self.common_lag
+        # Of impacts that are late by different times the scatter would hide that each of them is.
+        beyond = np.abs(self.lag) > np.maximum(_LIMIT * self.lag_sd, _LEAST_LAG * self.dt)
+        most = 2 * beyond.sum() > np.isfinite(self.lag).sum()
+        return bool(most or abs(lag) > max(_LIMIT * sd, _LEAST_LAG * np.median(self.dt)))
+
+    @property
+    def apart(self) -> Bool[np.ndarray, " impact"]:
+        """Whose ratio is not that of the others, by many of its own errors.
+
+        Below tissue that moves along with the impactor it is r (1 + m / M), which takes no more than m = M.
+        """
+        known = np.isfinite(self.ratio)
+        if self.impulse or known.sum() < 2:
+            return np.zeros(known.size, bool)
+        moving, mass = np.zeros(known.size), self.mass[known]
+        if self.channel.place == "base" and np.ptp(mass) > 0:
+            columns = np.stack([np.ones_like(mass), 1 / mass], axis=1)
+            r, rm = np.linalg.lstsq(columns, self.ratio[known])[0]
+            moving = rm / self.mass if 0 < rm <= r * mass.min() else moving
+        centre = float(np.median((self.ratio - moving)[known]))
+        own = np.hypot(self.ratio_sd, np.nanmedian(self.ratio_sd))
+        beyond = np.maximum(_OWN_ERRORS * own, _LEAST_APART * abs(centre))
+        return known & (np.abs(self.ratio - moving - centre) > beyond)
+
+    @property
+    def between(self) -> str:
+        """From which to which ratio impacts have, and how well each is known, in words."""
+        own = 100 * np.nanmedian(self.ratio_sd / self.ratio)
+        return f"{np.nanmin(self.ratio):.3g} to {np.nanmax(self.ratio):.3g}, each known to {own:.1g} %"
+
+    @property
+    def late(self) -> str:
+        """By what the force is late or early, and what that is, in words."""
+        if math.isinf(self.corner_hz):
+            return "it drifts while it acts, which no clock explains"
+        lag = self.common_lag[0]
+        words = f"it is {1e3 * abs(lag):.2g} ms {'behind' if lag > 0 else 'ahead of'} the deceleration"
+        if self.corner_hz:
+            corner, filtered = float(f"{self.corner_hz:.2g}"), "it" if lag > 0 else "that"
+            return f"{words}: {filtered} went through a low-pass of some {corner:g} Hz"
+        return f"{words}: correct time_offset_s by {-lag:.2g} s"
+
+    @property
+    def words(self) -> str:
+        """The ratio with its standard deviation, and the lag where there is one."""
+        ratio, scatter = self.common
+        if self.impulse:
+            words = f"until the greatest depth its impulse is {ratio:.3g} ± {self.total_sd:.2g} of M V"
+            if not self.contradicts:
+                return f"{words}, as of a free mass"
+            words += ": what hits is no free mass of this size"
+            beyond = f", and {1 - 1 / ratio:.0%} of the impulse is of something else that pushes"
+            return words + beyond * (ratio > 1)
+        mass = "(M - m)" if self.channel.tip_mass_kg else "M"
+        words = f"{ratio:.4g} ± {self.total_sd:.2g} of {mass} a ({scatter:.1g} but for what is declared)"
+        words += f"; {self.between}" if self.apart.any() else ""
+        return f"{words}; of the force: {self.late}" if self.lags else words
+
+
+def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
+    """The force beside a dataset's recordings of a free mass; None where there is none.
+
+    Args:
+        dataset: the recordings.
+        signal: what the signal chain made of the decelerations or displacements.
+    """
+    if not dataset.channels:
+        return None
+    (channel,) = dataset.channels
+    return (
+        _impulses(dataset, channel, signal)
+        if dataset.quantity == "displacement"
+        else _forces(dataset, channel, signal)
+    )
+
+
+def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
+    """Impulse of the force against what the declared mass lost, at the samples of the displacement."""
+    force, mass = stack(*dataset.further), (signal.mass - channel.tip_mass_kg)[:, None]
+    since, inside = signal.since_contact_s, np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    inside &= since >= 0
+    times = (force.start - signal.contact_time_s)[:, None] + force.time_s
+    above = np.where(force.inside, force.value - _first_mean(force, signal.contact_time_s), 0.0)
+    steps = np.diff(times, axis=1) * force.inside[:, 1:]
+    taken = np.pad(np.cumsum((above[:, 1:] + above[:, :-1]) / 2 * steps, axis=1), ((0, 0), (1, 0)))
+    samples, row = force.ragged(times, taken), np.arange(len(times))[:, None]
+
+    def impulse(at: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
+        return samples.interpolated(at, row)
+
+    V = np.where(np.isfinite(signal.velocity), signal.velocity, signal.v[:, 0])[:, None]
+    to_peak, at_contact = signal.time_to_peak[:, None], impulse(np.zeros_like(V))
+    lost = mass * (V + signal.gravity[:, None] * to_peak)
+    last = np.where(force.inside, times, -np.inf).max(axis=1, keepdims=True)
+    whole = (inside.sum(axis=1) >= FEWEST_SAMPLES) & (last >= to_peak)[:, 0] & ~force.at_limit.any(axis=1)
+    ratio = np.where(whole, ((impulse(to_peak) - at_contact) / lost)[:, 0], np.nan)
+    chain, no_lag = dataset.uncertainty, np.full(len(ratio), np.nan)
+    declared = float(np.hypot(chain.relative_mass_sd, channel.relative_gain_sd))
+    return Force(
+        channel,
+        since,
+        np.where(inside, impulse(since) - at_contact, 0.0),
+        np.where(inside, mass * (V - signal.v + signal.gravity[:, None] * since), 0.0),
+        inside,
+        ratio,
+        np.abs(ratio) * chain.velocity_sd_m_s / V[:, 0],
+        no_lag,
+        no_lag,
+        signal.dt,
+        declared,
+        mass[:, 0],
+        impulse=True,
+    )
+
+
+def _forces(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
+    """The force against mass times deceleration."""
+    beside = _Beside(*_as_comparable(dataset, channel, signal), signal, channel.tip_mass_kg)
+    curve, since_contact, inside = beside.curve, beside.since_contact, beside.inside
+    matched = beside.matched(since_contact)
+    if (lost := matched.whole & (np.abs(matched.lag) > 0.99 * curve.reach[:, 0])).any():
+        apart = np.where(lost, beside.most_alike(), 0.0)
+        matched = beside.matched(since_contact - apart[:, None])
+        matched = replace(matched, lag=matched.lag + apart)
+    chain = dataset.uncertainty
+    force = Force(
+        channel=channel,
+        since_contact=since_contact,
+        value=beside.force.value - np.where(matched.whole, matched.zero, 0.0)[:, None],
+        expected=np.where(inside, curve.at(since_contact), 0.0),
+        inside=inside,
+        ratio=matched.ratio,
+        ratio_sd=matched.ratio_sd,
+        lag=np.where(matched.whole, matched.lag, np.nan),
+        lag_sd=matched.lag_sd,
+        dt=beside.force.dt,
+        declared_sd=math.hypot(chain.relative_mass_sd, chain.relative_gain_sd, channel.relative_gain_sd),
+        mass=curve.mass[:, 0],
+    )
+    return replace(force, corner_hz=beside.mistaken(matched)) if force.lags else force
+
+
+@dataclass(frozen=True, eq=False)
+class _Matched:
+    """What least squares make of a force: see `Force`.
+
+    Attributes:
+        zero: b [N].
+        left: the sum of squares that is left [N^2].
+        whole: which impacts have samples enough.
+    """
+
+    ratio: Float[np.ndarray, " impact"]
+    ratio_sd: Float[np.ndarray, " impact"]
+    lag: Float[np.ndarray, " impact"]
+    lag_sd: Float[np.ndarray, " impact"]
+    zero: Float[np.ndarray, " impact"]
+    left: Float[np.ndarray, " impact"]
+    whole: Bool[np.ndarray, " impact"]
+
+
+class _Beside:
+    """A force and the decelerations beside it, without their zero, whose windows are those of the signal.
+
+    Attributes:
+        curve: the force that is expected.
+        since_contact: when each sample of the force was [s].
+        usable: which of its samples tell it.
+        inside: which of them are compared.
+    """
+
+    def __init__(
+        self, force: PaddedTraces, slowing: PaddedTraces, signal: Displacements, tip_mass_kg: float
+    ) -> None:
+        self.force, self.slowing, self.signal, self.tip_mass_kg = force, slowing, signal, tip_mass_kg
+        self.curve = _Expected(slowing, signal, tip_mass_kg)
+        self.since_contact = (force.start - signal.contact_time_s)[:, None] + force.time_s
+        self.usable = force.inside & ~force.at_limit
+        self.inside = self.usable & self.curve.covers(self.since_contact)
+
+    def matched(self, since_contact: Times) -> _Matched:
+        """What least squares make of samples at these times, by Newton's iteration from no lag."""
+        curve = self.curve
+        inside = self.usable & curve.covers(since_contact)
+        count = inside.sum(axis=1)
+        # At the sensor's limit d is not what it was.
+        whole = (self.signal.clipped == 0).all(axis=1) & (count >= FEWEST_SAMPLES)
+        noise = count * (curve.mass[:, 0] * self.signal.noise_sd) ** 2
+        values = np.where(inside, self.force.value, 0.0)
+        # r (F(t - l) - e F'(t - l)) + b is linear in r, r e and b; e is what l lacks.
+        lag = np.zeros(len(values))
+        for _ in range(_ROUNDS):
+            delayed = since_contact - lag[:, None]
+            columns = np.stack([curve.at(delayed), -curve.slope(delayed), np.ones_like(delayed)], axis=-1)
+            columns = np.where(inside[..., None], columns, 0.0)
+            coefficients, errors, left = _least_squares(columns, values, count, noise, whole)
+            ratio, moved, zero = coefficients
+            ratio_sd, moved_sd, _ = errors
+            lag = np.clip(lag + np.nan_to_num(moved / ratio), -curve.reach[:, 0], curve.reach[:, 0])
+        return _Matched(ratio, ratio_sd, lag, moved_sd / np.abs(ratio), zero, left, whole)
+
+    def most_alike(self) -> Float[np.ndarray, " impact"]:
+        """By what the force is behind where its correlation with the expected one has it [s]."""
+        shifts = self.curve.reach / _REACH * np.arange(-_FARTHEST, _FARTHEST + _STEP, _STEP)
+        counts, alike = [], []
+        for shift in shifts.T:
+            at = self.since_contact - shift[:, None]
+            inside = self.usable & self.curve.covers(at)
+            counts.append(inside.sum(axis=1))
+            one, other = (
+                np.where(
+                    inside, part - (part * inside).sum(axis=1, keepdims=True) / counts[-1].clip(1)[:, None], 0
+                )
+                for part in (np.where(inside, self.force.value, 0.0), self.curve.at(at))
+            )
+            sizes = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
+            alike.append((one * other).sum(axis=1) / np.maximum(sizes, np.finfo(float).tiny))
+        enough = np.array(counts) > 0.5 * np.max(counts, axis=0)
+        best = np.where(enough, alike, -1.0).argmax(axis=0)
+        return shifts[np.arange(len(best)), best]
+
+    def mistaken(self, matched: _Matched) -> float:
+        """The corner of a low-pass that leaves much less of the force than a lag, Hz; infinite of a drift.
+
+        What runs away goes on with time, or with the impulse so far, as behind a charge amplifier.
+        """
+        since_contact, inside, force, slowing = self.since_contact, self.inside, self.force, self.slowing
+        values, ones = np.where(inside, force.value, 0.0), np.ones_like(since_contact)
+        expected, count = self.curve.at(since_contact), inside.sum(axis=1)
+
+        def left(values: np.ndarray, *columns: np.ndarray) -> float:
+            stacked = np.where(inside[..., None], np.stack([*columns, ones], axis=-1), 0.0)
+            squares = _least_squares(stacked, values, count, np.zeros(len(values)), matched.whole)[2]
+            return float(np.nanmedian(np.where(matched.whole, squares / matched.left, np.nan)))
+
+        impulse = np.cumsum(np.where(inside, expected, 0.0), axis=1)
+        least = {math.inf: left(values, expected, since_contact, impulse)}
+        late = np.nanmedian(np.where(matched.whole, matched.lag, np.nan)) > 0
+        dt, zero = slowing.dt if late else force.dt, _first_mean(force, self.signal.contact_time_s)
+        for corner in _CORNERS_HZ[0.2 / np.max(dt) > _CORNERS_HZ]:
+            low_pass = LowPassFilter(low_pass_hz=float(corner))
+            if late:
+                passed = _Expected(_passed(slowing, low_pass, 0.0), self.signal, self.tip_mass_kg)
+                least[corner] = left(values, passed.at(since_contact))
+            else:
+                filtered = np.where(inside, _passed(force, low_pass, zero).value, 0.0)
+                least[corner] = left(filtered, expected)
+        best = min(least, key=lambda corner: least[corner])
+        return best if least[best] < _LEFT else 0.0
+
+
+def _as_comparable(
+    dataset: Dataset, channel: ChannelSettings, signal: Displacements
+) -> tuple[PaddedTraces, PaddedTraces]:
+    """The force, and the deceleration without its zero; each through both low-passes if these differ."""
+    force, slowing = stack(*dataset.further), stack(dataset.traces.slowing(dataset.quantity))
+    slowing = replace(slowing, value=np.where(slowing.inside, slowing.value - signal.offset[:, None], 0.0))
+    if channel.recorder != dataset.recorder:
+        slowing = _passed(slowing, channel.recorder, 0.0)
+        force = _passed(force, dataset.recorder, _first_mean(force, signal.contact_time_s))
+    return force, slowing
+
+
+class _Expected:
+    """The force (M - m) d of every impact [N], as a function of the time since contact.
+
+    Attributes:
+        mass: M - m [kg].
+        reach: on either side of a time, over how much the slope is taken [s].
+    """
+
+    def __init__(self, slowing: PaddedTraces, signal: Displacements, tip_mass_kg: float):
+        self.mass = (signal.mass - tip_mass_kg)[:, None]
+        self.reach = _REACH * signal.time_to_peak[:, None]
+        times = (slowing.start - signal.contact_time_s)[:, None] + slowing.time_s
+        self._samples = slowing.ragged(times, slowing.value)
+        first, last = times[:, :1], np.take_along_axis(times, slowing.n[:, None] - 1, axis=1)
+        self._begin = np.maximum(-signal.time_to_peak[:, None], first + 2 * self.reach)
+        self._end = np.minimum(_AFTER * signal.time_to_peak[:, None], last - 2 * self.reach)
+
+    def covers(self, times: Float[np.ndarray, "impact sample"]) -> Bool[np.ndarray, "impact sample"]:
+        """Which times are near the impact, and far enough from the ends of the recording for a slope."""
+        return (times > self._begin) & (times < self._end)
+
+    def at(self, times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
+        """The force at these times, linear between samples."""
+        return self.mass * self._samples.interpolated(times, np.arange(len(times))[:, None])
+
+    def slope(self, times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
+        """Its derivative [N/s], by a central difference."""
+        return (self.at(times + self.reach) - self.at(times - self.reach)) / (2 * self.reach)
+
+
+def _passed(
+    recorded: PaddedTraces, recorder: LowPassFilter | None, zero: Float[np.ndarray, "impact 1"] | float
+) -> PaddedTraces:
+    """What a low-pass makes of recordings whose zero is known; as they are where it passes all of them."""
+    if recorder is None or recorded.uneven.any():
+        return recorded
+    above = np.where(recorded.inside, recorded.value - zero, 0.0)
+    rates = np.round(1 / recorded.dt, 3)
+    for rate in np.unique(rates[rates > 2 * recorder.low_pass_hz]):
+        rows = rates == rate
+        above[rows] = on_even_grid(above[rows], rate, recorder)
+    return replace(recorded, value=np.where(recorded.inside, above + zero, 0.0))
+
+
+def _first_mean(
+    recorded: PaddedTraces, contact_time_s: Float[np.ndarray, " impact"]
+) -> Float[np.ndarray, "impact 1"]:
+    """The mean before contact; the first sample where there is none."""
+    quiet = np.maximum(np.floor((contact_time_s - recorded.start) / recorded.dt).astype(int), 1)
+    return segment_moments(recorded.value, quiet)[0][:, None]
+
+
+def _least_squares(
+    columns: Float[np.ndarray, "impact sample column"],
+    values: Float[np.ndarray, "impact sample"],
+    count: Int[np.ndarray, " impact"],
+    noise: Float[np.ndarray, " impact"],
+    known: Bool[np.ndarray, " impact"],
+) -> tuple[Float[np.ndarray, "column impact"], Float[np.ndarray, "column impact"], np.ndarray]:
+    """Coefficients of every impact and their errors, NaN where not ``known``; and the sum of squares left.
+
+    The noise of the first column is taken out of its sum of squares, of which it has ``noise``.
+    """
+    squares = np.einsum("isa,isb->iab", columns, columns)
+    scale = np.sqrt(np.einsum("iaa->ia", squares))
+    scale = np.where(known[:, None] & (scale > 0), scale, 1.0)
+    squares[:, 0, 0] -= noise
+    squares = squares / (scale[:, :, None] * scale[:, None])
+    products = np.einsum("isa,is->ia", columns, values) / scale
+    inverse = np.linalg.pinv(squares, hermitian=True)
+    coefficients = np.einsum("iab,ib->ia", inverse, products)
+    left = ((values - np.einsum("isa,ia->is", columns, coefficients / scale)) ** 2).sum(axis=1)
+    variance = left / np.maximum(count - columns.shape[2], 1)
+    sd = np.sqrt(variance[:, None] * np.einsum("iaa->ia", inverse))
+    of_known, of_sd = (np.where(known[:, None], part / scale, np.nan).T for part in (coefficients, sd))
+    return of_known, of_sd, left
+
+
+def _median(values: Float[np.ndarray, " impact"], sd: Float[np.ndarray, " impact"]) -> tuple[float, float]:
+    """The median of known values, and its standard error: as they scatter, or of the only one."""
+    known = np.isfinite(values)
+    if not known.any():
+        return float("nan"), float("nan")
+    values, sd = values[known], sd[known]
+    centre = float(np.median(values))
+    # Of a normal, the median deviation is 0.674 standard deviations, and a median's error 1.25 of a mean's.
+    spread = max(1.4826 * float(np.median(np.abs(values - centre))), float(np.median(sd)))
+    return centre, 1.2533 * spread / np.sqrt(values.size) if values.size > 1 else spread

@@ -1,0 +1,244 @@
+"""What lies under the intervals of a fit: the measuring chain, what was left out, and what makes them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.sentences import said
+from bayestissue.reports.pages.page import worded
+from bayestissue.reports.pages.posterior import QUANTITIES
+from bayestissue.reports.pages.settings import LIMITS, WORTH
+from bayestissue.reports.pages.tables import Field, Row, Table, columns, number_field, shown, table_of
+from bayestissue.reports.pages.wording import digits, listed, number, percent, relative
+
+_ERRORS = {
+    "mass": ("mass of the impactor", "g", 1e3),
+    "velocity_error": ("velocity at contact and gain together", "mm/s", 1e3),
+    "ramp_error": ("velocity at contact and gain together", "mm/s", 1e3),
+    "offset_error": ("zero of the recorder, after what the quiet part before contact tells", "m/s²", 1.0),
+    "contact_time_error": ("time of contact", "µs", 1e6),
+    "level_error": ("displacement at contact, from the time of contact", "µm", 1e6),
+}
+_DECLARED = {
+    "relative_mass_sd": ("mass", percent),
+    "velocity_sd_m_s": ("velocity at contact", "{:.2g} m/s".format),
+    "relative_gain_sd": ("gain", percent),
+    "offset_sd": ("zero of the recorder", "{:.2g} in the signal's unit".format),
+}
+
+
+def declared_sd(run: FitRun, error: str) -> np.ndarray:
+    """Prior standard deviation of an error [impact]; NaN where each trace itself gave it."""
+    if f"{error}_sd" in run.groups["constant_data"]:
+        return run.constant(f"{error}_sd")
+    declared = {name: float(run.record.get("uncertainty", {}).get(name) or 0) for name in _DECLARED}
+    mass, velocity = run.constant("mass_kg"), run.constant("velocity_m_s")
+    if error == "mass":
+        return declared["relative_mass_sd"] * mass
+    if error in ("velocity_error", "ramp_error"):
+        return np.hypot(declared["velocity_sd_m_s"], declared["relative_gain_sd"] * velocity)
+    return np.full(mass.shape, np.nan)
+
+
+def chain_table(run: FitRun) -> Table:
+    """How far each error of the measuring chain was known before, and is known after, the fit."""
+    return table_of(
+        [row for error in _ERRORS if (row := _chain_row(run, error))],
+        Field("error of", kind="words"),
+        Field("unit"),
+        number_field("sd before", "before", digits(2), "read off each trace"),
+        number_field("sd after", "after", digits(2), "not known"),
+        number_field("after / before", "left", percent),
+        number_field("greatest correction", "moved", digits(2), "not known"),
+        number_field("of its sd before", "farthest", "{:.1f} sd".format),
+        mark=lambda row: "disagrees" if row["farthest"] > WORTH.correction else "",
+    )
+
+
+def _chain_row(run: FitRun, error: str) -> dict[str, Any]:
+    """Of an error its sd before and after, and its greatest correction; NaN where none was declared."""
+    errors, (words, unit, scale) = run.of_impacts(error), _ERRORS[error]
+    if errors.empty or not (errors["sd"] > 0).any():
+        return {}
+    before, after = declared_sd(run, error), errors["sd"].to_numpy()
+    before = before if (before > 0).all() else np.full(before.shape, np.nan)
+    moved = (errors["median"] - (run.constant("mass_kg") if error == "mass" else 0)).abs()
+    return {
+        "error of": words,
+        "unit": unit,
+        "before": scale * np.median(before),
+        "after": scale * np.median(after),
+        "left": np.median(after / before),
+        "moved": scale * moved.max(),
+        "farthest": (moved / before).max(),
+    }
+
+
+def declared_words(run: FitRun) -> str:
+    """The standard deviations that the dataset declares of its measuring chain."""
+    declared = run.record.get("uncertainty", {})
+    parts = [
+        f"{words} {shown(float(declared[name]))}"
+        for name, (words, shown) in _DECLARED.items()
+        if declared.get(name)
+    ]
+    of_mass = run.record.get("model", {}).get("mass_error", "") if declared.get("relative_mass_sd") else ""
+    return worded("fit", "declared", parts, of_mass)
+
+
+def left_out_summary(run: FitRun) -> Table:
+    """Per scheme of leaving out: summed log predictive density, its standard error, and Pareto k."""
+
+    def high(part: pd.DataFrame) -> list[str]:
+        return [str(label) for label in part.loc[part["warning"] != "", "label"]]
+
+    def which(part: pd.DataFrame) -> str:
+        return listed(high(part)[:12]) + (" and others" if len(high(part)) > 12 else "")
+
+    return table_of(
+        [part for _, part in run.cross_validation.groupby("scheme", sort=False)],
+        Field("scheme", lambda part: str(part["scheme"].iloc[0])),
+        Field("parts", lambda part: str(len(part)), "number"),
+        Field("elpd (nats)", lambda part: number(part["elpd"].sum(), 0), "number"),
+        Field("se", lambda part: number(np.sqrt(len(part)) * part["elpd"].std(ddof=1), 0), "number"),
+        Field("largest Pareto k", lambda part: number(part["pareto_k"].max(), 2), "number"),
+        Field("k above 0.7", lambda part: str(len(high(part))), "number"),
+        Field("which", which, "words"),
+        mark=lambda part: "disagrees" if high(part) else "",
+    )
+
+
+def left_out_table(run: FitRun) -> Table:
+    """Every part left out, those of the highest Pareto k first within each scheme, up to 300."""
+    schemes = [part for _, part in run.cross_validation.groupby("scheme", sort=False)]
+    ordered = [
+        part.sort_values("pareto_k", ascending=False, kind="stable")[: LIMITS.rows] for part in schemes
+    ]
+    return shown(
+        "cross_validation",
+        pd.concat(ordered or [run.cross_validation]),
+        mark=lambda row: "disagrees" if row["warning"] else "",
+    )
+
+
+def population_names(run: FitRun) -> list[str]:
+    """The parameters of the population, covariates' effects among them."""
+    begins = ("intercept_", "mass_exponent_", "sd_", "log_", "effect_of_", "covariate_effect_", "atanh_")
+    names = [str(name) for name in dict.fromkeys(run.summary["variable"])]
+    return [name for name in names if name.startswith((*begins, "residual_correlation", "noise_mean"))]
+
+
+_LEVELS = {"impact": "impact", "typical person": "typical person", "new person": "new person"}
+_LEVELS_OF_ONE_PERSON = {"impact": "impact", "typical person": "this person", "new person": "new impact"}
+# In the order of the page, as the run names them and as the page does.
+_NAMES = {
+    "noise": "noise of the recorder",
+    "velocity": "velocity at contact",
+    "gain": "gain",
+    "velocity and gain": "velocity at contact and gain",
+    "offset": "offset of the recorder",
+    "mass": "mass",
+    "contact moment": "contact moment",
+    "element": "element (discrepancy)",
+    "element's parameters": "the element's further parameters",
+    "impacts": "scatter between impacts",
+    "people": "people",
+    "conditions": "conditions",
+    "person and condition": "rest of person and condition",
+    "priors": "priors",
+}
+_ALL, _DRAWN = "all", "as drawn"
+# Half a 90 % interval of a normal, in its standard deviations.
+_HALF = NormalDist().inv_cdf(0.95)
+
+
+def sources_table(run: FitRun) -> Table:
+    """A row a source, columns of K and C by level: share of the variance, and half its own interval."""
+    sources = run.interval_sources
+    cells = {(row["source"], row["level"], row["quantity"]): row for row in sources.to_dict("records")}
+    levels = _levels(run)
+    columns_shown = [(level, q) for level in levels for q in QUANTITIES if (_ALL, level, q) in cells]
+    titles = [f"{q}, {levels[level]}" for level, q in columns_shown]
+    present = set(sources["source"])
+    names = _source_names(sources)
+    rows = [
+        (words, *(_cell(cells.get((name, *column))) for column in columns_shown))
+        for name, words in names.items()
+        if name in present
+    ]
+    if "element" not in present:
+        rows.append((_NAMES["element"], *["taken as true"] * len(titles)))
+    widths = (_half_width(cells[(_ALL, *column)]["sd"]) for column in columns_shown)
+    rows.append(("all together", *widths))
+    return Table(columns("source", *titles, number=titles), [Row(row) for row in rows])
+
+
+def _source_names(sources: pd.DataFrame) -> dict[str, str]:
+    """The sources in the order of the page, further group terms as the model file has them before priors."""
+    known = {*_NAMES, _ALL, _DRAWN}
+    further = {str(name): str(name) for name in dict.fromkeys(sources["source"]) if name not in known}
+    return (
+        {name: words for name, words in _NAMES.items() if name != "priors"} | further | {"priors": "priors"}
+    )
+
+
+def _levels(run: FitRun) -> dict[str, str]:
+    """Levels that these data tell something of, in words: of one impact, that impact alone."""
+    if len(run.impacts) == 1:
+        return {"impact": _LEVELS["impact"]}
+    return _LEVELS_OF_ONE_PERSON if run.people_count == 1 else _LEVELS
+
+
+def _cell(row: Mapping[Any, Any] | None) -> str:
+    if row is None:
+        return ""
+    share = percent(max(row["share"], 0.0))
+    return share if row["share"] < WORTH.share else f"{share} ({_half_width(row['sd'])})"
+
+
+def _half_width(sd: float) -> str:
+    return relative(math.expm1(_HALF * sd))
+
+
+def sources_words(run: FitRun) -> list[str]:
+    """What makes most of the interval of an impact and a new person, and what the fit takes for granted."""
+    sources = run.interval_sources
+    levels = _levels(run)
+    shares = [
+        f"Of the 90 % interval of a {words}: "
+        f"{'; '.join(_largest_sources(sources, level, q) for q in QUANTITIES)}."
+        for level, words in (("impact", "recorded impact"), ("new person", levels.get("new person")))
+        if words
+    ]
+    if "element" not in set(sources["source"]):
+        shares.append(said("sources.element"))
+    alone = [said("sources.element_alone")] * run.element_alone
+    return [*alone, *shares, said("sources.window"), *_approximation_remarks(sources, levels)]
+
+
+def _largest_sources(sources: pd.DataFrame, level: str, quantity: str) -> str:
+    names = _source_names(sources)
+    chosen = sources[
+        (sources["level"] == level) & (sources["quantity"] == quantity) & sources["source"].isin(names)
+    ]
+    ordered = chosen.sort_values("share", ascending=False, kind="stable")
+    ordered = ordered[ordered["share"] >= min(WORTH.source, ordered["share"].max())]
+    named = [f"{names[row['source']]} {percent(row['share'])}" for row in ordered.to_dict("records")]
+    return f"of {quantity}’s variance {listed(named)}"
+
+
+def _approximation_remarks(sources: pd.DataFrame, levels: Mapping[str, str]) -> list[str]:
+    drawn = sources[(sources["source"] == _DRAWN) & sources["level"].isin(levels)]
+    off = drawn[~drawn["share"].between(*WORTH.approximation)]
+    doubtful = [
+        f"{row['quantity']} of {levels[row['level']]} ({row['share']:.2g} times)"
+        for row in off.to_dict("records")
+    ]
+    return [said("sources.approximation", doubtful=listed(doubtful))] if doubtful else []

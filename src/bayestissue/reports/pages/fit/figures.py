@@ -1,0 +1,301 @@
+"""The figures of a fit, by name: those of its page, of notebooks (`bayestissue.Fit.plot`) and of files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.inference.results.meanings import COLUMNS, NAMES, UNITS
+from bayestissue.model.hierarchy.formulas.group_terms import stem_of
+from bayestissue.reports.figures import impacts as of_impacts
+from bayestissue.reports.figures import study
+from bayestissue.reports.figures import traces as of_traces
+from bayestissue.reports.figures.impacts import axis_title
+from bayestissue.reports.figures.intervals import intervals, quantiles, with_ranks
+from bayestissue.reports.figures.theme import Figure
+from bayestissue.reports.pages.fit import outcomes, traces
+from bayestissue.reports.pages.fit.estimates import TITLE, mass_varies, method_values, shown_rows
+from bayestissue.reports.pages.fit.population import OwnSlope, groupings, own_slopes
+from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.sentences import said
+from bayestissue.reports.pages.posterior import QUANTITIES, exponent_figure, group_words, mass_curve
+from bayestissue.reports.pages.settings import LIMITS
+
+
+def impacts(run: FitRun, x: str = "C", y: str = "K") -> Figure:
+    """A point for each impact: K over C, over the mass, or in order; ``x`` is "C", "mass" or "order"."""
+    where = {"order": "in their order", "mass": "over the mass of the impactor"}.get(
+        x, f"over {run.names.get(x, x)}"
+    )
+    true = "; crosses are the truth of simulated data" if not run.truth.empty and x == "order" else ""
+    return of_impacts.scatter(
+        run.impacts_table, x, y, said("figures.impacts", name=run.names[y], where=where, true=true), run.names
+    )
+
+
+def people(run: FitRun, quantity: str = "K", level: str = "subject") -> Figure:
+    """K (or C, or another) of every person, or level of another grouping, the greatest first."""
+    variable, (one, _) = run.of_levels(quantity, level), group_words(level)
+    name = run.names.get(quantity, quantity)
+    unit = UNITS.get(quantity) or run.groups["posterior"][variable].attrs["unit"]
+    return intervals(
+        with_ranks(run.draws(variable), run.labels(level)),
+        f"{name} ({unit})",
+        said("figures.people", name=name, one=one),
+    )
+
+
+def sides(run: FitRun) -> list[str]:
+    """The columns, such as ``side``, in whose levels the same people were hit, the condition last."""
+    table = run.impacts_table
+    several = [
+        name
+        for name in dict.fromkeys((*of_impacts.factors(table), "condition"))
+        if name != "person"
+        and 2 <= table[name].nunique() <= LIMITS.sides
+        and table[["person", name]].drop_duplicates()["person"].duplicated().any()
+    ]
+    # Conditions that stand for masses are in the figure of the mass.
+    return [name for name in several if name != "condition" or not run.has("mass_exponent_K")]
+
+
+def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
+    """K (or C) of each person from level to level of ``factor``, and the levels' means.
+
+    Where the model has an effect of person and level together, values are that effect's posterior; else the
+    geometric means of the person's impacts.
+    """
+    table = run.impacts_table
+    column = "trial" if factor == "condition" else factor
+    if variable := run.of_levels(quantity, f"subject:{column}"):
+        rows = quantiles(run.draws(variable), run.labels(f"subject:{column}"))
+        rows[["person", "level"]] = [str(label).rsplit(":", 1) for label in rows["label"]]
+    else:
+        logs = np.log(table[COLUMNS[quantity]]).groupby([table["person"], table[factor]]).mean()
+        rows = np.exp(logs).rename("median").rename_axis(["person", "level"]).reset_index()
+        rows[["eti90_low", "eti90_high"]] = np.nan
+    if mean := run.of_levels(quantity, column):
+        means = quantiles(run.draws(mean), run.labels(column)).rename(columns={"label": "level"})
+    else:
+        values = np.exp(np.log(rows["median"]).groupby(rows["level"]).mean())
+        means = values.rename_axis("level").reset_index().assign(eti90_low=np.nan, eti90_high=np.nan)
+    return study.paired(
+        rows[["person", "level", "median", "eti90_low", "eti90_high"]],
+        means[["level", "median", "eti90_low", "eti90_high"]],
+        factor,
+        axis_title(quantity, run.names),
+        said("figures.paired", name=run.names[quantity], factor=factor),
+    )
+
+
+def repeats(run: FitRun, quantity: str) -> pd.DataFrame:
+    """Two successive measurements of one person, posterior medians: their ``ratio`` over their ``mean``.
+
+    In the same condition where people were hit again in it, else from condition to condition.
+    """
+    table = run.impacts_table.assign(value=run.estimates_by_method[quantity]["median"].to_numpy())
+    table = table[table["value"] > 0]
+    levels = of_impacts.factors(table)
+    if not table.duplicated(levels).any():
+        levels = ["person"]
+    before = table.groupby(levels, sort=False)[["impact", "value"]].shift()
+    pairs = pd.DataFrame(
+        {
+            "person": table["person"],
+            "pair": before["impact"] + ", " + table["impact"],
+            "mean": np.sqrt(before["value"] * table["value"]),
+            "ratio": table["value"] / before["value"],
+        }
+    )
+    return pairs.dropna(ignore_index=True)
+
+
+def repeatability(run: FitRun, quantity: str = "K") -> Figure:
+    """Successive measurements of one person: their ratio over their mean, with 95 % limits of agreement."""
+    return study.agreement(
+        repeats(run, quantity),
+        f"geometric mean {quantity} of the two ({UNITS[quantity]})",
+        "second over first",
+        said("figures.repeatability", q=quantity),
+    )
+
+
+def method_figures(run: FitRun) -> list[Figure]:
+    """K and C of each impact by the thesis's method and this fit, as Bland and Altman plot them."""
+    return [_methods(run, q) for q in QUANTITIES]
+
+
+def _methods(run: FitRun, quantity: str) -> Figure:
+    table = method_values(run, quantity)
+    table = table[(table > 0).all(axis=1)]
+    rows = pd.DataFrame(
+        {
+            "impact": table.index,
+            "mean": np.sqrt((table["dds"] * table["posterior"]).to_numpy()),
+            "ratio": (table["dds"] / table["posterior"]).to_numpy(),
+        }
+    )
+    words = said("figures.methods", q=quantity, title=TITLE)
+    return study.agreement(shown_rows(rows), f"geometric mean {quantity} ({UNITS[quantity]})", TITLE, words)
+
+
+def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
+    """K (or C) over mass on log scales: impacts, conditions, the posterior line, exponents 0 and 1."""
+    masses = run.constant("mass_kg")
+    trial = run.constant("impact_trial").astype(str)
+    at = np.exp(pd.Series(np.log(masses)).groupby(trial).mean().reindex(run.labels("trial")))
+    who = "this person" if run.people_count == 1 else "typical person"
+    if variable := run.of_levels(quantity, "trial"):
+        conditions = quantiles(run.draws(variable), run.labels("trial"))
+    else:
+        # Of K_secant there are the recorded impacts alone.
+        logs = pd.Series(np.log(run.estimates_by_method[quantity]["median"].to_numpy())).groupby(trial).mean()
+        median = np.exp(logs.reindex(run.labels("trial")).to_numpy())
+        conditions = pd.DataFrame({"label": run.labels("trial"), "median": median})
+        conditions[["eti90_low", "eti90_high"]] = np.nan
+        who = "geometric mean of its impacts"
+    conditions = conditions.assign(mass_kg=np.asarray(at))
+    dds = run.point_estimates[["impact", "mass_kg", COLUMNS[quantity]]].rename(
+        columns={COLUMNS[quantity]: "value"}
+    )
+    return of_impacts.over_mass(
+        shown_rows(run.impacts_table),
+        conditions,
+        mass_curve(run, quantity, masses, run.reference_mass),
+        quantity,
+        said("figures.mass", name=run.names[quantity]),
+        who=who,
+        names=run.names,
+        others=[shown_rows(dds[dds["value"] > 0].assign(kind="thesis's method (dds)"))] if thesis else [],
+    )
+
+
+def exponent(run: FitRun, quantity: str = "K") -> Figure:
+    """The posterior of a mass exponent, with the regions that count as 0 and as 1 in practice."""
+    return exponent_figure(run, quantity)
+
+
+def slope(run: FitRun, chosen: OwnSlope) -> Figure:
+    """Each level's own coefficient, the greatest first."""
+    one = group_words(chosen.grouping)[0]
+    band = np.percentile(run.draws(chosen.shared), [5, 95]) if run.has(chosen.shared) else None
+    return intervals(
+        with_ranks(run.draws(chosen.name), run.labels(chosen.grouping)),
+        chosen.words if chosen.covariate else f"{chosen.words} (no unit)",
+        said("figures.slope", what=chosen.words, one=one),
+        lines=(0,) if chosen.covariate else (0, 1),
+        band=None if band is None else (float(band[0]), float(band[1])),
+        straight=True,
+    )
+
+
+def spreads(run: FitRun) -> Figure:
+    """The population's standard deviations of log K and log C, in percent."""
+    parts = [
+        quantiles(100 * np.expm1(run.draws(name))[:, None], [_of(level)]).assign(series=NAMES[q])
+        for level in dict.fromkeys(("subject", "trial", *groupings(run), "impact"))
+        for q in QUANTITIES
+        if q in run.of_tissue and run.has(name := f"sd_{stem_of(level)}_{q}")
+    ]
+    rows = pd.concat(parts, ignore_index=True)
+    return intervals(rows, "standard deviation (% of K or C)", said("figures.spreads"), straight=True)
+
+
+def _of(level: str) -> str:
+    return "impacts" if level == "impact" else group_words(level)[1]
+
+
+def recording(run: FitRun, impact: str | None = None) -> Figure:
+    """What was recorded of one impact over what is predicted of it; the median one by K unless given."""
+    names = [run.impacts[row] for row in run.predicted]
+    index = traces.middle_impact(run) if impact is None else names.index(impact)
+    rows, (unit, _) = traces.trace_rows(run, index), traces.SCALES[run.shown]
+    return of_traces.recording(rows, run.shown, unit, said("figures.recording", shown=run.shown))
+
+
+def recorded_force(run: FitRun) -> Figure:
+    """The force of one impact over what is predicted of it."""
+    index = traces.force_impact(run)
+    rows, (unit, _) = traces.trace_rows(run, index, what="force"), traces.SCALES["force"]
+    words = said("figures.force", impact=run.impacts[run.predicted[index]])
+    return of_traces.recording(rows, "force", unit, words)
+
+
+def residual_figures(run: FitRun, left: traces.Residuals) -> list[Figure]:
+    """Of the residuals: the p-values where they were tested, and the autocorrelation at lag 1."""
+    return [*([residual_p(run)] if run.tested else []), lag_one(run, left)]
+
+
+def residual_p(run: FitRun) -> Figure:
+    """Sorted p-values of the residuals of every impact being the model's noise."""
+    tested = np.array(list(run.tested.values()))
+    return of_traces.sorted_p(tested, traces.STRUCTURED, said("figures.residual_p"))
+
+
+def lag_one(run: FitRun, left: traces.Residuals) -> Figure:
+    """Autocorrelation at lag 1 of each impact's residuals, and of data made by the model."""
+    names = np.array(run.impacts)[left.which]
+    rows = left.lag_one.drop(columns="inside").rename(columns={"measured": "recorded"}).assign(impact=names)
+    return of_traces.lag_one(rows, said("figures.lag_one"))
+
+
+def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """The figures of a fit that serve a paper: a name fit for a file, and what makes each."""
+    for q in QUANTITIES:
+        for level in groupings(run):
+            if run.of_levels(q, level):
+                yield f"{q}-by-{stem_of(level)}", partial(people, run, q, level)
+        for factor in sides(run):
+            yield f"{q}-paired-by-{factor}", partial(paired, run, q, factor)
+        if mass_varies(run):
+            yield f"{q}-over-mass", partial(mass, run, q)
+        if len(repeats(run, q)) > 1:
+            yield f"{q}-repeatability", partial(repeatability, run, q)
+        yield f"{q}-of-impacts", partial(impacts, run, "order", q)
+    yield "K-over-C", partial(impacts, run)
+    yield "recording", partial(recording, run)
+    yield from outcomes.published(run)
+    for coefficient in own_slopes(run):
+        yield coefficient.name, partial(slope, run, coefficient)
+
+
+def level_figures(run: FitRun, level: str, quantities: Sequence[str]) -> list[Figure]:
+    """Quantities of every person, or level of another grouping."""
+    return [people(run, q, level) for q in quantities]
+
+
+def slope_figures(run: FitRun) -> list[Figure]:
+    """Every coefficient that differs between levels."""
+    return [slope(run, chosen) for chosen in own_slopes(run)]
+
+
+def repeat_figures(run: FitRun) -> list[Figure]:
+    """Successive measurements of one person, of K and of C, where there are several pairs."""
+    return [repeatability(run, q) for q in QUANTITIES if len(repeats(run, q)) > 1]
+
+
+def _bound(figure: Callable[..., Figure]) -> property:
+    return property(lambda self: partial(figure, self.run), doc=figure.__doc__)
+
+
+@dataclass(frozen=True)
+class Plots:
+    """Figures of a fit for notebooks, `bayestissue.Fit.plot`: a cell that ends with one draws it."""
+
+    run: FitRun
+
+    impacts = _bound(impacts)
+    people = _bound(people)
+    paired = _bound(paired)
+    repeatability = _bound(repeatability)
+    mass = _bound(mass)
+    exponent = _bound(exponent)
+    spreads = _bound(spreads)
+    recording = _bound(recording)
+    loops = _bound(outcomes.loops)
+    curves = _bound(outcomes.curves)
+    ranks = _bound(outcomes.ranks)

@@ -1,0 +1,289 @@
+"""What impacts do on the levels that a formula compares: which is best, ranks, loops and curves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayestissue.inference.answers.law import fall_height
+from bayestissue.inference.results.meanings import UNITS, outcome_name
+from bayestissue.mechanics.elements.outcomes import DECLARED
+from bayestissue.reports.figures import outcomes as drawn
+from bayestissue.reports.figures.intervals import intervals
+from bayestissue.reports.figures.theme import Figure, number
+from bayestissue.reports.pages.fit.estimates import evenly_spaced
+from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.sentences import said
+from bayestissue.reports.pages.fit.study import FIRST_OUTCOME as FIRST
+from bayestissue.reports.pages.fit.study import impact_words, leading_levels
+from bayestissue.reports.pages.posterior import QUANTITIES
+from bayestissue.reports.pages.settings import LIMITS
+from bayestissue.reports.pages.tables import Field, table_of
+from bayestissue.reports.pages.wording import Spread, likelihood_words, listed, probability
+
+
+def factors(run: FitRun) -> list[str]:
+    """The columns whose levels are compared, those first that the formula has first."""
+    return list(dict.fromkeys(run.levels["factor"]))
+
+
+def compared_levels(run: FitRun) -> list[dict[str, Any]]:
+    """Of the first factors: which level is best, and a table of all; nothing where none is compared."""
+    compared = [_compared(run, factor) for factor in factors(run)[: LIMITS.comparisons]]
+    # Beside a discrepancy K is the element's own, and may be all that differs.
+    return [one for one in compared if len(one["table"].columns) > 1]
+
+
+def _compared(run: FitRun, factor: str) -> dict[str, Any]:
+    rows = run.levels[run.levels["factor"] == factor]
+    by = {(row["quantity"], row["level"]): row for row in rows.to_dict("records")}
+    known = set(rows["quantity"])
+    fields = [Field(factor, lambda level: level)]
+    if FIRST in known:
+        fields.append(Field("P(best)", lambda level: probability(by[FIRST, level]["p_lowest"]), "number"))
+    fields += [
+        Field(quantity_title(q), partial(_cell, by, q), "number")
+        for q in (FIRST, *(q for q in QUANTITIES if q in run.of_tissue))
+        if q in known
+    ]
+    levels = table_of(leading_levels(run)[factor], *fields)
+    return {"factor": factor, "best": _best(factor, rows[rows["quantity"] == FIRST]), "table": levels}
+
+
+def _cell(by: dict[tuple[str, str], dict[Any, Any]], quantity: str, level: str) -> Markup:
+    """A median over its interval."""
+    shown = _spread(by[quantity, level])
+    return Markup('{}<br><span class="muted">{}</span>').format(shown.value, shown.range)
+
+
+def _best(factor: str, outcome: pd.DataFrame) -> dict[str, str]:
+    """The level of the least force, how probable that is, and by which question; empty without outcomes."""
+    if outcome.empty:
+        return {}
+    first, *others = outcome.sort_values("p_lowest", ascending=False, kind="stable").to_dict("records")
+    likely = likelihood_words(first["p_lowest"])
+    motion = [float(first[name]) for name in ("mass_kg", "velocity_m_s")]
+    stated = "mass_kg={:.4g}, velocity_m_s={:.4g}".format(*motion)
+    return {
+        "level": first["level"],
+        "likely": likely,
+        "probability": probability(first["p_lowest"]),
+        "value": f"{_spread(first).value} {first['unit']}, {_spread(first).range}",
+        "impact": impact_words(*motion),
+        "more": _more(first, others),
+        "question": f"best({factor}, lowest peak_depth[{stated}])",
+        "averaged": str(first["note"]),
+    }
+
+
+def _more(first: dict[Any, Any], others: list[dict[Any, Any]]) -> str:
+    """How much more force the next and the last have."""
+    ordered = sorted(others, key=lambda row: row["median"])
+    ends = [ordered[0], ordered[-1]] if len(ordered) > 1 else ordered
+    parts = [
+        f"{row['level']} {100 * (row['median'] / first['median'] - 1):+.0f}\N{NO-BREAK SPACE}%"
+        for row in ends
+    ]
+    return ", ".join(parts).replace("-", "−")
+
+
+def quantity_title(quantity: str) -> str:
+    """Name and unit, as of an axis: "peak force (N)"."""
+    name, unit, _ = scaled(quantity)
+    return name if unit == "1" else f"{name} ({unit})"
+
+
+def _spread(row: dict[Any, Any], factor: float = 1.0) -> Spread:
+    return Spread(*(factor * float(row[name]) for name in ("median", "low", "high")))
+
+
+def _rank(row: dict[Any, Any]) -> str:
+    return " to ".join(dict.fromkeys(f"{row[name]:.0f}" for name in ("rank_low", "rank_high")))
+
+
+def ranks(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
+    """A quantity on each level of a factor, the lowest first, with its rank."""
+    rows = run.levels[(run.levels["factor"] == factor) & (run.levels["quantity"] == quantity)]
+    title, _, scale = scaled(quantity)
+    by_level = [(row, _spread(row, scale)) for row in rows.sort_values("median").to_dict("records")]
+    table = pd.DataFrame(
+        [
+            {
+                "label": f"{row['level']}, rank {_rank(row)}",
+                "median": shown.median,
+                "eti90_low": shown.low,
+                "eti90_high": shown.high,
+                "rank": _rank(row),
+            }
+            for row, shown in by_level
+        ]
+    )
+    words = said("figures.ranks", name=title, factor=factor)
+    return intervals(table, quantity_title(quantity), words, straight=True)
+
+
+def scaled(quantity: str) -> tuple[str, str, float]:
+    """Name, unit, and how many of it per SI unit."""
+    if quantity in UNITS:
+        return quantity, UNITS[quantity], 1.0
+    _, unit, factor = DECLARED[quantity].shown
+    return outcome_name(quantity), unit, factor
+
+
+def loops(run: FitRun, factor: str = "") -> Figure:
+    """Force over depth on each level of a factor, at motions that were measured, over what was recorded."""
+    rows = run.loops[run.loops["factor"] == factor]
+    motions = rows[["mass_kg", "velocity_m_s"]].drop_duplicates()
+    titles = {pair: _motion(run, *pair) for pair in motions.itertuples(index=False, name=None)}
+    pairs = list(zip(rows["mass_kg"], rows["velocity_m_s"], strict=True))
+    table = pd.DataFrame(
+        {
+            "panel": [titles[pair] for pair in pairs],
+            "level": rows["level"].replace("", _typical(run)).to_numpy(),
+            "branch": rows["branch"].to_numpy(),
+            "depth_mm": 1e3 * rows["depth_m"].to_numpy(),
+            "force_N": rows["force_N"].to_numpy(),
+        }
+    )
+    words = said("figures.loops", of=f"each {factor}" if factor else f"a {_typical(run)}")
+    levels = list(dict.fromkeys(table["level"]))
+    return drawn.loops(table, _recorded(run, factor, titles), list(titles.values()), levels, words)
+
+
+def _typical(run: FitRun) -> str:
+    return "this person" if run.people_count == 1 else "typical person"
+
+
+def _motion(run: FitRun, mass: float, velocity: float) -> str:
+    """A motion in words: "5 kg at 1.53 m/s (12 cm)"."""
+    fallen = f" ({fall_height(velocity):.3g} cm)" if run.gravity else ""
+    return f"{mass:.3g} kg at {velocity:.3g} m/s{fallen}"
+
+
+def _recorded(run: FitRun, factor: str, titles: dict[tuple[float, float], str]) -> pd.DataFrame:
+    """Recorded force M F/M over depth of impacts that have one of the motions; of many evenly spaced ones."""
+    columns = ["panel", "level", "impact", "order", "depth_mm", "force_N"]
+    table = run.impacts_table
+    if run.shown != "deceleration" or (factor and factor not in table):
+        return pd.DataFrame(columns=columns)
+    hits = np.log(table[["mass_kg", "velocity_m_s"]].to_numpy(float))
+    distance = np.abs(hits[:, None] - np.log(np.array(list(titles)))).max(axis=-1)
+    rows = np.flatnonzero(distance.min(axis=1) < LIMITS.same_motion)
+    rows = rows[evenly_spaced(len(rows), LIMITS.loops)] if len(rows) else rows
+    names, observed, parts = list(titles.values()), run.groups["observed_data"], []
+    for row in rows:
+        depth, force = (observed[name].to_numpy()[row] for name in ("displacement", "deceleration"))
+        known = np.flatnonzero(np.isfinite(depth) & np.isfinite(force))
+        known = known[evenly_spaced(len(known), LIMITS.loop_samples)]
+        one = {
+            "panel": names[int(distance[row].argmin())],
+            "level": str(table[factor].iloc[row]) if factor else _typical(run),
+            "impact": run.impacts[row],
+            "order": np.arange(len(known)),
+            "depth_mm": 1e3 * depth[known],
+            "force_N": table["mass_kg"].iloc[row] * force[known],
+        }
+        parts.append(pd.DataFrame(one, columns=columns))
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns)
+
+
+def curves(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
+    """An outcome over the height of the fall, or the velocity, on each level, and of each impact."""
+    title, _, scale = scaled(quantity)
+    rows = run.curves[(run.curves["factor"] == factor) & (run.curves["quantity"] == quantity)]
+    column = "drop_height_cm" if run.gravity else "velocity_m_s"
+    x = number(column, "height of the fall (cm)" if run.gravity else "velocity at contact (m/s)")
+    masses = np.array(sorted(rows["mass_kg"].unique()))
+    panels = [f"{mass:.3g} kg" for mass in masses]
+    impacts = _measured(run, factor, quantity)
+    nearest = np.abs(np.log(impacts["mass_kg"].to_numpy()[:, None] / masses)).argmin(axis=1)
+    table = pd.DataFrame(
+        {
+            "panel": [f"{mass:.3g} kg" for mass in rows["mass_kg"]],
+            "level": rows["level"].to_numpy(),
+            column: rows[column].to_numpy(float),
+            **{end: scale * rows[end].to_numpy() for end in ("median", "low", "high")},
+            "beyond": rows["beyond"].to_numpy(),
+        }
+    )
+    points = impacts.assign(
+        panel=[panels[at] for at in nearest],
+        drop_height_cm=fall_height(impacts["velocity_m_s"].to_numpy()),
+        **{end: scale * impacts[end] for end in ("median", "low", "high")},
+    )[["panel", "level", "impact", column, "median", "low", "high"]]
+    levels = list(dict.fromkeys(table["level"]))
+    words = said("figures.curves", name=title, over=x["title"], factor=factor)
+    return drawn.over_velocity(table, points, x, quantity_title(quantity), panels, levels, words)
+
+
+def _measured(run: FitRun, factor: str, quantity: str) -> pd.DataFrame:
+    """An outcome of each impact, some of very many, with its level; none where a run has no such column."""
+    columns = {"median": "median", "eti90_low": "low", "eti90_high": "high"}
+    table, values = run.impacts_table, run.of_impacts(quantity)
+    if values.empty or factor not in table:
+        return pd.DataFrame(columns=["level", "impact", "mass_kg", "velocity_m_s", *columns.values()])
+    shown = evenly_spaced(len(table), LIMITS.impacts_drawn)
+    rows = table[["impact", "mass_kg", "velocity_m_s"]].assign(level=table[factor].astype(str))
+    ends = values[list(columns)].rename(columns=columns).reset_index(drop=True)
+    return rows.join(ends).iloc[shown].reset_index(drop=True)
+
+
+def has_outcomes(run: FitRun) -> bool:
+    """Whether the run has pictures of what impacts do."""
+    of_levels = bool((run.levels["quantity"] == FIRST).any())
+    return not run.undescribed and (of_levels or len(run.loops) > 0)
+
+
+def loop_figures(run: FitRun) -> list[Figure]:
+    """Force over depth, of each factor that is pictured."""
+    return [loops(run, str(factor)) for factor in dict.fromkeys(run.loops["factor"])]
+
+
+def level_figures(run: FitRun) -> dict[str, list[Figure]]:
+    """By factor: peak force over height or velocity, and ranks."""
+    by_factor: dict[str, list[Figure]] = {}
+    for name, make in _of_levels(run):
+        by_factor.setdefault(name.rpartition("-by-")[2], []).append(make())
+    return by_factor
+
+
+def _of_levels(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    of_curves = set(run.curves["factor"])
+    for factor in factors(run):
+        quantities = set(run.levels.loc[run.levels["factor"] == factor, "quantity"])
+        if factor in of_curves:
+            yield f"{FIRST}-curves-by-{factor}", partial(curves, run, factor)
+        for q in (FIRST, "K"):
+            if q in quantities and (q != "K" or "K" in run.of_tissue):
+                yield f"{q}-ranks-by-{factor}", partial(ranks, run, factor, q)
+
+
+def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
+    """The figures that serve a paper, by names fit for a file."""
+    for factor in dict.fromkeys(run.loops["factor"]):
+        yield f"force-over-depth{f'-by-{factor}' if factor else ''}", partial(loops, run, str(factor))
+    yield from _of_levels(run)
+
+
+def best_words(run: FitRun) -> list[str]:
+    """Of each factor of the first screen which level is best, as a sentence."""
+    return [
+        said("outcomes.best", factor=one["factor"], **one["best"])
+        for one in compared_levels(run)
+        if one["best"]
+    ]
+
+
+def pictures_words(run: FitRun) -> str:
+    """How the figures of what impacts do were made; empty where there are none."""
+    if run.loops.empty:
+        return ""
+    draws = sorted({int(count) for table in (run.loops, run.curves) for count in table["draws"]})
+    levels = "a typical person" if run.people_count > 1 else "this person"
+    over = said("outcomes.curves") if len(run.curves) else ""
+    return said("outcomes.pictures", who=levels, draws=listed([str(one) for one in draws]), over=over)

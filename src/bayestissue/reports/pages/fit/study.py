@@ -1,0 +1,316 @@
+"""What a lab asks of a study: who and what differs, how repeatable K and C are, how methods agree."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.base.errors import Coded
+from bayestissue.inference.answers.contrasts import ALSO, INTERACTION, LEVELS
+from bayestissue.inference.results.meanings import (
+    ICC,
+    MDC,
+    MOSTLY,
+    REPEATS,
+    SEM,
+    UNITS,
+    outcome_name,
+)
+from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
+from bayestissue.recordings.dataset.impacts import SESSIONS
+from bayestissue.reports.pages.fit.population import groupings
+from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.sentences import said
+from bayestissue.reports.pages.page import worded
+from bayestissue.reports.pages.posterior import QUANTITIES, spread
+from bayestissue.reports.pages.settings import LIMITS
+from bayestissue.reports.pages.tables import Field, Row, Table, columns, shown, table_of
+from bayestissue.reports.pages.wording import (
+    Spread,
+    listed,
+    number,
+    percent,
+    significant,
+)
+
+# What reaches the body, or what is protected: the outcome of the first screen.
+FIRST_OUTCOME = "peak_force"
+
+
+def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
+    """The first comparisons, not of one person's levels: each with K, C and a sentence; empty if none.
+
+    Interactions stand first: where there are some, a difference is another one at another level.
+    """
+    return [*_first(run, INTERACTION), *_first(run, LEVELS)]
+
+
+def leading_levels(run: FitRun) -> dict[str, list[str]]:
+    """The levels of each factor, those of the lowest peak force first; as the table has them without one."""
+    levels = {}
+    for factor, rows in run.levels.groupby("factor", sort=False):
+        of_force = rows[rows["quantity"] == FIRST_OUTCOME].sort_values("median", kind="stable")
+        levels[str(factor)] = list(dict.fromkeys((of_force if len(of_force) else rows)["level"]))
+    return levels
+
+
+def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
+    of_kind = run.contrasts[run.contrasts["kind"] == kind]
+    contrasts = []
+    # Of several levels the two best: a table beside has them all.
+    best = {factor: set(levels[:2]) for factor, levels in leading_levels(run).items() if len(levels) > 2}
+    for (factor, level, against), part in of_kind.groupby(["factor", "level", "against"], sort=False):
+        shown = part[part["quantity"].isin([q for q in QUANTITIES if q in run.of_tissue])].to_dict("records")
+        if not shown or not {str(level), str(against)} <= best.get(str(factor), {str(level), str(against)}):
+            continue
+        sentences = [_contrast_words(row, equivalence(run), kind) for row in shown]
+        in_outcomes = [
+            (outcome_name(row["quantity"]), _spread(row, "ratio"))
+            for row in _of_outcomes(part).to_dict("records")
+        ]
+        contrasts.append(
+            {
+                "what": contrast_name(kind, str(factor), str(level), str(against)),
+                "kind": kind,
+                "levels": _level_values(run, str(factor), (str(level), str(against))),
+                "ratios": [(row["quantity"], _spread(row, "ratio")) for row in shown],
+                "outcomes": in_outcomes,
+                "first_outcome": in_outcomes[:1],
+                "words": " ".join([*sentences, *_note_words(shown)]),
+            }
+        )
+    return contrasts[: LIMITS.comparisons]
+
+
+def contrast_name(kind: str, factor: str, level: str, against: str) -> str:
+    """What is held against what, such as "left over right" or "after over before, treated over control"."""
+    if kind == INTERACTION:
+        (first, inner), (second, _) = _parted(factor, level, against)
+        return f"{inner}, {first} over {second}"
+    # A number alone says nothing: session 2 over session 1.
+    numbered = not np.isnan(pd.to_numeric(level, errors="coerce"))
+    return f"{factor} {level} over {against}" if numbered else f"{level} over {against}"
+
+
+def _parted(factor: str, level: str, against: str) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Of treated:after/before and control:after/before the levels, each with "after over before".
+
+    Of treated:after/before:left, with "after over before, side left".
+    """
+    ends = (level[at:] for at, letter in enumerate(level) if letter == ":")
+    inner = next(end for end in ends if against.endswith(end))[1:]
+    ratio, at = inner, ""
+    if factor.count(":") > 1:
+        ratio, _, third = inner.rpartition(":")
+        at = f", {factor.rpartition(':')[2]} {third}"
+    over = (ratio.replace("/", " over ") if ratio.count("/") == 1 else ratio) + at
+    return tuple((text.removesuffix(f":{inner}"), over) for text in (level, against))  # type: ignore[return-value]
+
+
+def _note_words(shown: list[dict[Any, Any]]) -> list[str]:
+    """What goes with a difference, as a sentence."""
+    notes = [
+        said("study.part_of_ratio", **row, what=str(row["note"]).removeprefix(ALSO))
+        for row in shown
+        if row["note"]
+    ]
+    return notes[:1]
+
+
+def _level_values(run: FitRun, factor: str, levels: tuple[str, str]) -> list[tuple[str, str, str, Spread]]:
+    """K and C of a typical person at the two levels, each with its unit; of none where the run has none."""
+    values = []
+    for level in levels:
+        for q in QUANTITIES:
+            name = run.of_levels(q, factor)
+            if name and level in (labels := run.labels(factor)):
+                drawn = run.draws(name)[:, labels.index(level)]
+                values.append((level, str(q), UNITS[q], spread(drawn)))
+    return values
+
+
+def equivalence(run: FitRun) -> float:
+    """The relative difference that counts as none in practice."""
+    return float(run.record.get("model", {}).get("practical_equivalence", {}).get("ratio", 0.1))
+
+
+def _contrast_words(row: dict[Any, Any], near: float, kind: str) -> str:
+    parts = _parted(row["factor"], row["level"], row["against"]) if kind == INTERACTION else None
+    return worded("fit", "contrast", row, percent(near), parts)
+
+
+def conditions_words(run: FitRun) -> str:
+    """Why conditions are not compared; empty where they are, or where the model has none."""
+    masses = run.has("mass_exponent_K") or run.has("mass_exponent_C")
+    conditions = run.has("trial_effect_K") or run.has("trial_effect_C")
+    compared = bool((run.contrasts["factor"] == "trial").any())
+    return said("study.masses") if masses and conditions and not compared else ""
+
+
+def contrasts_table(run: FitRun) -> Table:
+    """The first 300 rows of `contrasts.csv` that are of no outcome."""
+    rows = run.contrasts.drop(_of_outcomes(run.contrasts).index)
+    return shown("contrasts", rows[: LIMITS.rows], near=percent(equivalence(run)))
+
+
+def outcomes_table(run: FitRun) -> Table:
+    """The first 300 comparisons in outcomes, those of a comparison side by side."""
+    rows = _of_outcomes(run.contrasts)
+    if rows.empty:
+        return Table(())
+    by = rows.assign(words=[_spread(row, "ratio").words for row in rows.to_dict("records")])
+    names = ["factor", "level", "against", "note"]
+    wide = by.pivot_table("words", names, "quantity", aggfunc="first", sort=False).reset_index()
+    return table_of(
+        wide[: LIMITS.rows],
+        *_COMPARED,
+        *(Field(outcome_name(q), str(q), "number") for q in dict.fromkeys(rows["quantity"])),
+        Field("note", optional=True),
+    )
+
+
+def reference_words(run: FitRun) -> str:
+    """The impact whose outcomes are compared."""
+    motion = run.contrasts[["mass_kg", "velocity_m_s"]].dropna().drop_duplicates()
+    if len(motion) != 1:
+        return "an impact"
+    return impact_words(*motion.iloc[0])
+
+
+def impact_words(mass: float, velocity: float) -> str:
+    """An impact of a mass [kg] at a velocity [m/s]: "an impact of 0.707 kg at 1.53 m/s"."""
+    return f"an impact of {significant(mass)} kg at {significant(velocity)} m/s"
+
+
+def _of_outcomes(contrasts: pd.DataFrame) -> pd.DataFrame:
+    return contrasts[contrasts["quantity"].isin(REFERENCE_OUTCOMES)]
+
+
+_COMPARED = (Field("of", "factor"), Field("comparison", lambda row: f"{row['level']} over {row['against']}"))
+
+
+def repeatability(run: FitRun) -> list[dict[str, Any]]:
+    """Of K and C the ICC(A,1) and the least change that shows; empty where people were hit once each."""
+    if not len(run.impacts) > run.people_count > 1:
+        return []
+    cells, answers = _by_place(run.reliability), []
+    for q in QUANTITIES:
+        icc = cells.get((q, ICC, "ICC(A,1)", "1"))
+        changes = [row for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)]
+        if icc and changes:
+            change = f"{_spread(changes[0]).value}\N{NO-BREAK SPACE}%"
+            answers.append({"quantity": q, "icc": _spread(icc), "change": change})
+    return answers
+
+
+_PERCENT = "%"
+
+
+def reliability_table(run: FitRun) -> Table:
+    """A row a coefficient, columns of K and C."""
+    units = {"N/m": "units", "N s/m": "units"}
+    coefficients = run.reliability.assign(unit=run.reliability["unit"].replace(units))
+    cells = _by_place(coefficients)
+    rows = []
+    for measure, form, unit in dict.fromkeys(key[1:] for key in cells):
+        pairs = [_cells(cells.get((q, measure, form, unit))) for q in QUANTITIES]
+        shown = {"units": "N/m, N s/m", "1": ""}.get(unit, unit)
+        rows.append(Row((measure, form, shown, *(text for pair in pairs for text in pair))))
+    titles = ("measure", "form", "unit", "K", "K, 90 %", "C", "C, 90 %")
+    return Table(columns(*titles, number=titles[3:], words=titles[:1]), rows)
+
+
+def _by_place(table: pd.DataFrame) -> dict[tuple[str, str, str, str], dict[Any, Any]]:
+    """The rows by quantity, measure, form and unit."""
+    names = ("quantity", "measure", "form", "unit")
+    return {(*(str(row[name]) for name in names),): row for row in table.to_dict("records")}  # type: ignore[misc]
+
+
+def _cells(row: dict[Any, Any] | None) -> tuple[str, str]:
+    if row is None:
+        return "", ""
+    coefficient = _spread(row)
+    if row["measure"] == REPEATS:
+        return _whole(coefficient.median), f"{_whole(coefficient.low)} to {_whole(coefficient.high)}"
+    if coefficient.low == coefficient.high:
+        return number(coefficient.median, 2), "taken as known"
+    return coefficient.value, f"{coefficient.range}{', largely prior' if _largely_prior(row) else ''}"
+
+
+def _largely_prior(row: dict[Any, Any]) -> bool:
+    return bool(row["prior_overlap"] > MOSTLY)
+
+
+def prior_words(run: FitRun) -> str:
+    """Which coefficients the data leave largely as the prior has them; empty where none."""
+    rows = [
+        row
+        for row in run.reliability.to_dict("records")
+        if row["measure"] == ICC or (row["measure"] == SEM and row["unit"] == _PERCENT)
+    ]
+    vague = [row for row in rows if _largely_prior(row)]
+    if not vague:
+        return ""
+    low, high = (percent(end(row["prior_overlap"] for row in vague)) for end in (min, max))
+    by = low if low == high else f"{low} to {high}"
+    words = said("study.largely_prior", vague=listed([_name(row) for row in vague]), by=by)
+    consistent = any(row["form"].startswith(("ICC(C", "consistency")) for row in vague)
+    return words if consistent else f"{words} {said('study.agreement')}"
+
+
+def _name(row: dict[Any, Any]) -> str:
+    form = str(row["form"]).split(", k")[0]
+    return f"{form if row['measure'] == ICC else f'{SEM} ({form})'} of {row['quantity']}"
+
+
+def _whole(value: float) -> str:
+    return number(value, 0) if np.isfinite(value) else "no number"
+
+
+def reliability_words(run: FitRun) -> list[str]:
+    """The coefficients that answer how repeatable K and C are, in sentences."""
+    if run.reliability.empty:
+        return []
+    cells = _by_place(run.reliability)
+    sentences = []
+    for q in (q for q in QUANTITIES if any(key[0] == q for key in cells)):
+        errors = [
+            f"{words} {number(cells[q, SEM, form, _PERCENT]['median'], 1)}\N{NO-BREAK SPACE}%"
+            for form, words in (("measuring chain", "the measuring chain makes"), ("person", "the person"))
+        ]
+        words = said("study.error", quantity=q, errors=" and ".join(errors), changes=_changes(cells, q))
+        if (q, ICC, "ICC(A,1)", "1") in cells:
+            consistency, agreement = (_spread(cells[q, ICC, f"ICC({form},1)", "1"]).words for form in "CA")
+            repeats = worded("fit", "repeats", _spread(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"]))
+            icc = said("study.icc", consistency=consistency, agreement=agreement, repeats=repeats)
+            words = f"{words} {icc}"
+        sentences.append(words)
+    return sentences
+
+
+def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> str:
+    """The minimal detectable changes, each with what may vary between the two measurements."""
+    changes: dict[str, str] = {}
+    for (quantity, measure, form, unit), row in cells.items():
+        if (quantity, measure, unit) == (q, MDC, _PERCENT):
+            change, varied = _spread(row), row["varies"].split(", ") if row["varies"] else []
+            where = f"where {listed(varied)} may differ" if varied else "all else the same"
+            _, between, means = form.partition(", ")
+            words = f"{change.value}\N{NO-BREAK SPACE}% ({change.range})"
+            changes.setdefault(f"{where}{' between ' if between else ''}{means}", words)
+    return listed([f"{words} {where}" for where, words in changes.items()])
+
+
+def another_day(run: FitRun) -> str:
+    """The warning that repeats of one session say nothing of another day; empty where it does not apply."""
+    if run.reliability.empty or any(
+        word in grouping.lower() for grouping in groupings(run) for word in SESSIONS
+    ):
+        return ""
+    return Coded.stated("one-session")
+
+
+def _spread(row: dict[Any, Any], middle: str = "median") -> Spread:
+    return Spread(*(float(row[name]) for name in (middle, "low", "high")))

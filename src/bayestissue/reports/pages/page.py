@@ -1,0 +1,159 @@
+"""Pages that need nothing but themselves: templates, and figures as part of the text."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import re
+from collections.abc import Callable, Iterable
+from functools import cache
+from typing import Any
+
+import jinja2
+from markupsafe import Markup, escape
+
+from bayestissue.base.declarations import general
+from bayestissue.base.outline import counted, numbers_in_short
+from bayestissue.base.remedies import Code, entries
+from bayestissue.base.words import PLAIN, Words
+from bayestissue.reports.figures.browser import library, packed_json
+from bayestissue.reports.figures.theme import Figure
+from bayestissue.reports.pages import tables
+from bayestissue.reports.pages.wording import (
+    half_width,
+    likelihood_words,
+    listed,
+    number,
+    probability,
+    significant,
+    with_error,
+)
+
+_BEGINS = '<meta charset="utf-8">'
+# A page's own script, and the figures' library that this script unpacks; a style runs no script.
+_POLICY = (
+    "default-src 'none'; script-src 'sha256-{}' blob:; style-src 'unsafe-inline'; img-src data: blob:; "
+    "base-uri 'none'; form-action 'none'"
+)
+
+
+def render_page(
+    template: str,
+    *,
+    codes: Iterable[Code] = (),
+    served: bool = False,
+    nouns: Words = PLAIN,
+    **context: Any,
+) -> str:
+    """The HTML of ``template`` (a name in `report/templates`), filled from ``context``.
+
+    Values are escaped unless they are `Markup`; a name that the template wants and ``context`` lacks is
+    an error. Templates extend ``base.html``, which takes ``title`` and, if wanted, ``subtitle`` and
+    ``contents``, a sequence of pairs (anchor, words) for the table of contents. ``codes`` are of the warnings
+    that the page holds: their entries stand at its foot, where links of the macro ``explained`` lead.
+    ``nouns`` are the dataset's own, which then stand in all prose and figures.
+    A page that is ``served`` has its style and scripts from its server: see `assets`.
+    """
+    codes = list(dict.fromkeys(codes))
+    html = _environment().get_template(template).render(codes=codes, served=served, nouns=nouns, **context)
+    html = nouns.page(html)
+    if served:
+        return html
+    # The page's own script is the last: whatever else calls itself one is refused by the browser.
+    body, begin, end = html.rpartition("<script>")
+    own = end.partition("</script>")[0]
+    if 'class="packed"' in body:
+        body += f'<script type="text/plain" id="library">{library()}</script>\n'
+    digest = base64.b64encode(hashlib.sha256(own.encode()).digest()).decode()
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY.format(digest)}">'
+    return (body + begin + end).replace(_BEGINS, f"{_BEGINS}\n{policy}", 1)
+
+
+def assets(*scripts: str) -> dict[str, str]:
+    """What pages that are served refer to, by name: their style, their scripts as one, the figures' library.
+
+    ``scripts`` are names in `report/templates` behind that of every page.
+    """
+    return {
+        "page.css": script("style.css"),
+        "page.js": "\n".join(map(script, ("page.js", *scripts))),
+        "library.js": gzip.decompress(base64.b64decode(library())).decode(),
+    }
+
+
+# As many rows stand in the page behind a figure; its download has all.
+MOST_NUMBERS = 100
+
+
+def drawn(one: Figure, name: str = "", nouns: Words = PLAIN) -> Markup:
+    """A figure that the browser draws, with its numbers as a table; ``name`` is what a script calls it by.
+
+    Without a script the table stands alone.
+    """
+    packed = packed_json(nouns.chart(one.specification()))
+    numbers = tables.frame_table(one.data[:MOST_NUMBERS])
+    chart: Markup = part("figure.html").chart(
+        _chart_id(packed), one.words, packed, name, numbers, len(one.data)
+    )
+    return chart
+
+
+def _chart_id(packed: str) -> str:
+    return f"chart-{hashlib.sha256(packed.encode()).hexdigest()[:8]}"
+
+
+def again(one: Figure, nouns: Words = PLAIN) -> Markup:
+    """A figure once more on the same page, which holds it once and draws it first."""
+    chart = _chart_id(packed_json(nouns.chart(one.specification())))
+    return Markup('<div class="again" data-of="{}"></div>').format(chart)
+
+
+def prose(text: str) -> Markup:
+    """Text of an entry of `bayestissue.base.remedies`: what stands between ` is code."""
+    return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped before
+
+
+def part(template: str) -> Any:
+    """The macros of a template, which make parts of a page."""
+    return _environment().get_template(template).module
+
+
+def worded(template: str, macro: str, *values: Any) -> str:
+    """The text that a macro of ``words/TEMPLATE.jinja`` writes, its lines one after the other."""
+    written = str(getattr(part(f"words/{template}.jinja"), macro)(*values))
+    return re.sub(r" *\n[ \n]*", " ", written.strip())
+
+
+def script(name: str) -> Markup:
+    """A script of `report/templates`, as it stands in a page."""
+    return Markup(_environment().loader.get_source(_environment(), name)[0])  # type: ignore[union-attr] # noqa: S704
+
+
+def _in_the_pages_nouns(draw: Callable[..., Markup]) -> Callable[..., Markup]:
+    @jinja2.pass_context
+    def filtered(page: jinja2.runtime.Context, *args: Any) -> Markup:
+        return draw(*args, nouns=page.get("nouns", PLAIN))
+
+    return filtered
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("bayestissue.reports.pages", "templates"),
+        autoescape=jinja2.select_autoescape(["html"]),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    # How sentences of a template write numbers and names.
+    written = (counted, general, half_width, likelihood_words, listed, number, numbers_in_short, significant)
+    for words in (prose, *written, probability, with_error):
+        environment.filters[words.__name__] = words
+    for draw in (again, drawn):
+        environment.filters[draw.__name__] = _in_the_pages_nouns(draw)
+    environment.globals["script"] = script
+    environment.globals["tables"] = tables
+    environment.globals["remedies"] = entries()
+    return environment

@@ -1,0 +1,239 @@
+"""The page of a plan: the cheapest design that answers, and what any other would do."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayestissue.base.outline import numbers_in_short
+from bayestissue.base.remedies import codes_in
+from bayestissue.base.results import read_table
+from bayestissue.reports.figures import study
+from bayestissue.reports.figures.theme import Figure
+from bayestissue.reports.figures.theme import number as channel
+from bayestissue.reports.pages.page import render_page
+from bayestissue.reports.pages.run_folder import read_json, require_files
+from bayestissue.reports.pages.settings import LIMITS
+from bayestissue.reports.pages.tables import Field, Table, declared_fields, settings_table, shown, table_of
+from bayestissue.reports.pages.wording import (
+    nouns_of_plan,
+    said,
+    with_error,
+)
+
+# In what designs differ.
+_AXES = ("people", "masses_kg", "velocities_m_s", "conditions", "repeats", "recorder")
+# What stands for more people, by its key in plan.json.
+_VARIANTS = {
+    "more people": "{people} people in the place of {before}",
+    "many people": "{people} people",
+    "as it stands": "nothing more: the study as it stands",
+}
+
+
+def plan_page(folder: Path, record: dict[str, Any]) -> str:
+    """The HTML of the page of the plan in ``folder``, whose ``run.json`` holds ``record``.
+
+    Raises:
+        InputError: `plan.json` or `designs.csv` lacks or can't be read.
+    """
+    require_files(folder, ["plan.json"])
+    return page_of(read_json(folder / "plan.json"), read_table(folder, "designs"), record)
+
+
+def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[str, Any]) -> str:
+    """The HTML of a plan: content of ``plan.json``, ``designs.csv``, content of ``run.json``."""
+    plan, chosen = content["plan"], content["designs"][content["chosen"] - 1]
+    wanted = plan["goal"]["assurance"]
+    goals = list(chosen["goals"])
+    return render_page(
+        "plan.html",
+        page=sys.modules[__name__],
+        nouns=nouns_of_plan(content),
+        codes=codes_in(content["warning"]),
+        record=record,
+        plan=plan,
+        content=content,
+        chosen=chosen,
+        designs=designs,
+        curves=[curves(designs, name, wanted) for name in goals],
+        grids=[grid for name in goals if (grid := people_and_repeats(designs, name, chosen, wanted))],
+        limit_studies=next(iter(content["limits"]["people"]["goals"].values()))["studies"],
+    )
+
+
+def goal_name(goal: str) -> str:
+    """A goal in words."""
+    return goal.replace("_", " ")
+
+
+def _share(goal: Mapping[str, Any]) -> str:
+    return with_error(goal["answered"], goal["se"])
+
+
+def settings(plan: Mapping[str, Any], *keys: str) -> Table:
+    """Tables of the plan, those that it has; recorders that are compared stand among the candidates."""
+    compared = ["recording"] if plan["candidates"].get("recorders") else []
+    tables = {key: plan[key] for key in keys if key in plan and key not in compared}
+    return settings_table(tables)
+
+
+def along(content: Mapping[str, Any], axis: str) -> Table:
+    """The assurance of each goal by people or recorder, of designs that are the chosen one but for that."""
+    chosen = content["designs"][content["chosen"] - 1]
+    others = [name for name in _AXES if name != axis]
+    rows = {
+        design[axis]: design["goals"]
+        for design in content["designs"]
+        if all(design[name] == chosen[name] for name in others)
+    }
+    if axis == "people":
+        for name in ("more people", "many people"):
+            if variant := content["variants"].get(name):
+                rows.setdefault(variant["people"], variant["goals"])
+
+    def cell(value: Any, goal: str) -> str:
+        share = _share(rows[value][goal])
+        return Markup("<strong>{}</strong>").format(share) if value == chosen[axis] else share
+
+    goals = list(chosen["goals"])
+    titles = {name: goal_name(name) if len(goals) > 1 else "answers" for name in goals}
+    return table_of(
+        sorted(rows) if axis == "people" else list(rows),
+        Field(axis, str, "number" if axis == "people" else ""),
+        *(Field(titles[name], partial(cell, goal=name), "number") for name in goals),
+    )
+
+
+def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Figure:
+    """The assurance over people, or over repeats where people do not vary, a line for each other design."""
+    rows = designs[designs["goal"] == goal]
+    over = "people" if rows["people"].nunique() >= rows["repeats"].nunique() else "repeats"
+    others = [name for name in _AXES if name != over]
+    lines = sorted(rows.groupby(others, sort=False), key=lambda group: -group[1]["answered"].mean())
+    varying = [name for name in others if len(set(rows[name])) > 1]
+    shown = pd.concat(
+        [
+            line[["design", over, "answered"]].assign(
+                kind=_label(dict(zip(others, key, strict=True)), varying),
+                low=line["answered"] - line["se"],
+                high=line["answered"] + line["se"],
+            )
+            for key, line in lines[: LIMITS.lines]
+        ],
+        ignore_index=True,
+    )
+    values = sorted(float(value) for value in rows[over].unique())
+    ends = pd.DataFrame({over: [values[0], values[-1]], "answered": wanted, "line": "wanted"})
+    return study.points(
+        shown,
+        channel(over, over, scale={"zero": False}, axis={"values": values}),
+        channel("answered", f"assurance: {goal_name(goal)}", scale={"domain": [0, 1]}),
+        said("figures.assurance", goal=goal_name(goal), over=over),
+        lines=ends,
+        joined=True,
+    )
+
+
+def _label(design: Mapping[str, Any], varying: Sequence[str]) -> str:
+    """What tells a line from the others."""
+    words = {
+        "masses_kg": "{} kg",
+        "velocities_m_s": "{} m/s",
+        "conditions": "{} conditions",
+        "people": "{} people",
+        "repeats": "repeats: {}",
+        "recorder": "{}",
+    }
+    named = [name for name in varying if name != "conditions" or "masses_kg" not in varying]
+    several = ("masses_kg", "velocities_m_s")
+    return ", ".join(
+        words[name].format(numbers_in_short(design[name].split()) if name in several else design[name])
+        for name in named
+    )
+
+
+def people_and_repeats(
+    designs: pd.DataFrame, goal: str, chosen: Mapping[str, Any], wanted: float
+) -> Figure | None:
+    """The assurance over people and repeats, where both vary, of designs that are else the chosen one."""
+    others = [name for name in _AXES if name not in ("people", "repeats")]
+    comparable = np.all([designs[name] == chosen[name] for name in others], axis=0)
+    rows = designs[(designs["goal"] == goal) & comparable]
+    if min(rows["people"].nunique(), rows["repeats"].nunique()) < 2:
+        return None
+    return study.shares(
+        rows[["people", "repeats", "answered"]].rename(columns={"answered": "share"}).reset_index(drop=True),
+        "people",
+        "repeats",
+        said("figures.people_and_repeats", goal=goal_name(goal), wanted=wanted),
+        wanted=wanted,
+        chosen=(chosen["people"], chosen["repeats"]),
+    )
+
+
+def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
+    """A row for each design and goal; the chosen design is marked."""
+
+    def share(row: Mapping[str, Any]) -> str:
+        words = _share(row)
+        return Markup("<strong>{}</strong>").format(words) if row["answered"] >= wanted else words
+
+    return shown(
+        "designs",
+        designs if len(set(designs["goal"])) > 1 else designs.assign(goal=""),
+        fields={
+            "design": Field(
+                "design", lambda row: f"{row['design']:.0f}{' ◂' if row['design'] == chosen else ''}"
+            ),
+            "answered": Field("assurance", share, "number"),
+        },
+    )
+
+
+def gains_table(content: Mapping[str, Any]) -> Table:
+    """The chosen design with more or less of one thing, and what that adds to each goal's assurance."""
+    chosen = content["designs"][content["chosen"] - 1]
+    named = [
+        (_VARIANTS[key].format(people=variant["people"], before=chosen["people"]), variant)
+        for key, variant in content["variants"].items()
+        if key in _VARIANTS
+    ]
+    named += [(limit["words"], limit) for limit in content["limits"].values()]
+    several = len(chosen["goals"]) > 1
+    rows = [
+        {"with": words, "goal": name if several else "", **goal}
+        for words, variant in named
+        for name, goal in variant["goals"].items()
+    ]
+    return table_of(
+        rows,
+        Field("with", kind="words"),
+        *declared_fields("designs", ("goal", "answered")),
+        Field("more by", gain, "number"),
+        *declared_fields("designs", ("undecided_bits", "width")),
+    )
+
+
+def gain(goal: Mapping[str, Any]) -> str:
+    """What is added to the assurance of a goal."""
+    return with_error(goal["gain"], goal["gain_se"])
+
+
+def power_table(content: Mapping[str, Any]) -> Table:
+    """The chosen design's assurance beside its power where every belief is its median."""
+    chosen = content["designs"][content["chosen"] - 1]["goals"]
+    truth = content["variants"]["one truth"]["goals"]
+    return table_of(
+        list(truth),
+        Field("goal", goal_name),
+        Field("assurance", lambda name: _share(chosen[name]), "number"),
+        Field("power at one truth", lambda name: _share(truth[name]), "number"),
+    )

@@ -1,5 +1,0 @@
-"""What is wrong with a recording, beyond what its file shows: detectors with known rates of false alarms."""
-
-from bayestissue.signal.quality.inspection import Findings, inspect, raised
-
-__all__ = ["Findings", "inspect", "raised"]

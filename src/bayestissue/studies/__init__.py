@@ -1,0 +1,1 @@
+"""What is done with a study: fit, check, estimate, compare, simulate, plan, watch, open, certify."""

@@ -1,0 +1,266 @@
+"""The certificate of a finished fit, from its folder or from memory."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pandas as pd
+
+from bayestissue.base import results, runtime
+from bayestissue.base.errors import InputError
+from bayestissue.base.outline import Rows, short
+from bayestissue.base.result import Result
+from bayestissue.base.results.tables import table_of_rows
+from bayestissue.inference.chain.draws import chain_draws
+from bayestissue.inference.chain.results import ChainEnd
+from bayestissue.inference.fit import Say, sample
+from bayestissue.inference.single.phantoms import prepare_without_phantoms
+from bayestissue.model.hierarchy.specification import Sampler
+from bayestissue.model.hierarchy.trace_data import Prepared, with_discrepancy
+from bayestissue.recordings.dataset import Dataset, read_dataset
+from bayestissue.reports.pages.certificate_page import TABLES, as_markdown, certificate_html
+from bayestissue.reports.pages.page import worded
+from bayestissue.reports.paper.checklists import checklists, checklists_markdown
+from bayestissue.reports.paper.text import text_of
+from bayestissue.studies.certificate import FEWEST_REFITS, MOST_REFITS, REFITS
+from bayestissue.studies.certificate.augmented import Truth, augmented, reason_against, truths
+from bayestissue.studies.certificate.ranks import calibration_table, ranks_of
+from bayestissue.studies.finished import Fit, read_run
+from bayestissue.studies.fitting import FitJob, without_short
+
+# Of a refit: enough for ranks among 99 draws.
+_SAMPLER = Sampler(chains=2, draws=1000, effective=150)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate(Result):
+    """What a fit is worth: its calibration about this very study, its priors' part, the journals' checklists.
+
+    Attributes:
+        about: the content of ``run.json``, with the ``verdict``: ``passed`` and ``words``.
+        calibration: a row a quantity: ``calibration.csv``; empty where the study can't be drawn anew, for a
+            reason that the verdict says.
+        ranks: every rank of every refit: ``ranks.csv``.
+        sensitivity: how much prior and data move each quantity of the population: ``sensitivity.csv``.
+        checklists: the items of BARG and GRRAS, answered or asked: ``checklists.csv``.
+    """
+
+    command = "certify"
+    files = ("report.html", "certificate.md")
+    table_names = TABLES
+    about: dict[str, Any]
+    calibration: pd.DataFrame
+    ranks: pd.DataFrame
+    sensitivity: pd.DataFrame
+    checklists: pd.DataFrame
+
+    def _outline(self) -> tuple[str, Rows]:
+        items = self.checklists
+        rows = [
+            ("verdict", self.words),
+            ("checklists", f"{int(items['answered'].sum())} of {len(items)} items answered"),
+            ("more in", ".calibration, .sensitivity, .checklists, .report(path)"),
+        ]
+        return f"Certificate of the fit of {short(str(self.about['dataset']))}", rows
+
+    @property
+    def passed(self) -> bool:
+        """Whether the fit's own diagnostics passed, and its calibration if it could be made."""
+        return bool(self.about["verdict"]["passed"])
+
+    @property
+    def words(self) -> str:
+        """The verdict in words."""
+        return str(self.about["verdict"]["words"])
+
+    def page(self) -> str:
+        """The HTML of the page."""
+        return certificate_html(self.about, self.tables)
+
+    def write(self, folder: Path) -> None:
+        """Write every file of a certificate but the page."""
+        super().write(folder)
+        lists = checklists_markdown(self.checklists)
+        attached = as_markdown(self.about, lists, self.calibration, self.sensitivity)
+        (folder / "certificate.md").write_text(attached, encoding="utf-8")
+
+
+def certify(
+    run: Fit | str | Path,
+    *,
+    refits: int = REFITS,
+    seed: int = 0,
+    dataset: Dataset | str | Path | None = None,
+    say: Say = lambda *_: None,
+) -> Certificate:
+    """Certify a finished fit: draw its study anew from its own posterior so often, and fit it each time.
+
+    Of a fit that samples its posterior, the truth of each refit has a uniform rank among the refit's draws
+    (posterior simulation-based calibration, arXiv:2502.03279). Besides: what the priors do to each result
+    (power scaling), and the checklists BARG and GRRAS, answered as far as the run knows the answer.
+
+    Args:
+        run: a fit, or the folder of a run.
+        refits: studies drawn and fitted, from 10 on; each takes a third of the fit's own time or more.
+        seed: of all that is drawn. A whole number from 0.
+        dataset: the recordings or their folder, where they are no longer where the run says.
+        say: told the stage, how much of it is done, and its total.
+
+    Returns:
+        The certificate: ``.passed``, ``.words``, ``.calibration``, ``.sensitivity``, ``.checklists``, and the
+        method ``.report(folder)``.
+
+    Raises:
+        InputError: ``run`` is no finished fit, its recordings are not found, have changed, or are another's;
+            or its chains were not kept.
+
+    Example:
+        >>> certificate = bt.certify("runs/drops")
+        >>> certificate.passed
+        >>> certificate.report("runs/drops-certificate")
+    """
+    if not FEWEST_REFITS <= refits <= MOST_REFITS:
+        raise InputError.stated(
+            "option-value.refits", "arguments", None, "refits", refits, least=FEWEST_REFITS, most=MOST_REFITS
+        )
+    study = Study.of_run(run, dataset)
+    return certificate_of(study, refits, seed, say)
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A finished fit with its model, its data, and where its chains ended."""
+
+    fit: Fit
+    prepared: Prepared
+    end: ChainEnd
+
+    @classmethod
+    def of_run(cls, run: Fit | str | Path, dataset: Dataset | str | Path | None = None) -> Study:
+        """A fit and its recordings, which are read again where it is not in memory.
+
+        Raises:
+            InputError: as of `certify`.
+        """
+        fit = run if isinstance(run, Fit) else read_run(run)
+        if fit.prepared is not None:
+            return cls(fit, fit.prepared, fit.chain_end())
+        recordings = _recordings(fit, dataset)
+        source = str(fit.folder)
+        recordings, prepared = prepare_without_phantoms(recordings, fit.specification, source=source)
+        earlier = FitJob(recordings, fit.specification, prepared, fit.seed).earlier_run(fit)
+        if "score_without" in fit.about.get("discrepancy", {}):
+            prepared = with_discrepancy(recordings, fit.specification, prepared)
+        assert earlier.end is not None  # noqa: S101 - `chain_end` raises
+        return cls(fit, prepared, earlier.end)
+
+    def job(self, refits: int, seed: int) -> str:
+        """A fingerprint of all that the refits depend on."""
+        content = [self.fit.about["input_hash"], self.fit.about["model"], self.fit.seed]
+        content += [np.asarray(self.end.state.y).tolist(), refits, seed, runtime.versions()]
+        return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def _recordings(fit: Fit, dataset: Dataset | str | Path | None) -> Dataset:
+    """The recordings of a run that was read back."""
+    if isinstance(dataset, Dataset):
+        return dataset
+    folder = fit.dataset_folder if dataset is None else Path(dataset)
+    if folder is None or not folder.is_dir():
+        raise InputError.stated("another-run.gone", str(fit.folder), value=str(folder or "not stated"))
+    left_out = bool(fit.about.get("left_out"))
+    read = read_dataset(folder, skip_bad=left_out)
+    return without_short(read, fit.specification, str(fit.folder)) if left_out else read
+
+
+def certificate_of(
+    study: Study, refits: int, seed: int, say: Say, *, parts: Path | None = None
+) -> Certificate:
+    """`certify` of what was read; ``parts`` is an existing folder for finished refits."""
+    start, fit = runtime.Start(), study.fit
+    against = reason_against(study.prepared)
+    done = [] if against else _refitted(study, refits, seed, say, parts)
+    calibration = (
+        calibration_table([refit["ranks"] for refit in done]) if done else table_of_rows("calibration")
+    )
+    sensitivity = fit.table("sensitivity")
+    failed = sum(not refit["passed"] for refit in done)
+    passed, words = _verdict(fit, calibration, failed, against)
+    record = start.record(
+        "certify",
+        "certificate",
+        dataset=str(fit.about.get("dataset", "")),
+        run={"started": fit.about["started"], "input_hash": fit.about["input_hash"], "seed": fit.seed},
+        refits=len(done),
+        refits_failed=failed,
+        against=against,
+        seed=seed,
+        words=dict(fit.about.get("words", {})),
+        verdict={"passed": passed, "words": words, "prior": prior_words(sensitivity)},
+    )
+    items = checklists(fit, text_of(fit, fit.study), record["verdict"])
+    return Certificate(record, calibration, _ranks_table(done), sensitivity, items)
+
+
+def _refitted(study: Study, refits: int, seed: int, say: Say, parts: Path | None) -> list[dict[str, Any]]:
+    """Of each refit the ranks, and whether its chains passed; those of an earlier run of the job are read."""
+    paths = [None if parts is None else parts / f"refit-{number:04d}.json" for number in range(refits)]
+    if all(path is not None and path.is_file() for path in paths):
+        return [json.loads(path.read_text(encoding="utf-8")) for path in paths if path is not None]
+    say("drawing from the posterior", 0, 1)
+    sampler = study.fit.specification.sampler.model_copy(update={"effective": max(50, 2 * refits)})
+    folder = None if parts is None else parts / "posterior"
+    if folder is not None:
+        folder.mkdir(exist_ok=True)
+    chains = next(chain_draws(study.prepared, study.end, sampler, seed, checkpoints=folder))
+    done = []
+    for number, (truth, path) in enumerate(zip(truths(chains, refits), paths, strict=True)):
+        say("fitting the study drawn anew", number, refits)
+        if path is not None and path.is_file():
+            done.append(json.loads(path.read_text(encoding="utf-8")))
+            continue
+        one = _one(study.prepared, truth, seed, number)
+        if path is not None:
+            with results.whole_file(path) as staging:
+                staging.write_text(json.dumps(one), encoding="utf-8")
+        done.append(one)
+    return done
+
+
+def _one(prepared: Prepared, truth: Truth, seed: int, number: int) -> dict[str, Any]:
+    """One refit."""
+    key, rng = jax.random.fold_in(jax.random.PRNGKey(seed), number), np.random.default_rng([seed, number])
+    drawn, whole = augmented(prepared, truth, key, rng)
+    chains = sample(drawn, _SAMPLER, int(rng.integers(2**31)))
+    ranks = ranks_of(drawn, chains, whole, len(prepared.impacts))
+    return {"ranks": {name: rank.tolist() for name, rank in ranks.items()}, "passed": chains.verdict.passed}
+
+
+def _ranks_table(done: list[dict[str, Any]]) -> pd.DataFrame:
+    """The table ``ranks.csv``."""
+    rows = [
+        (number, int(one["passed"]), name, element, rank)
+        for number, one in enumerate(done, start=1)
+        for name, ranks in one["ranks"].items()
+        for element, rank in enumerate(ranks, start=1)
+    ]
+    return table_of_rows("ranks", rows)
+
+
+def _verdict(fit: Fit, calibration: pd.DataFrame, failed: int, against: str) -> tuple[bool, str]:
+    """Whether all is well, and a few sentences."""
+    sound = bool(fit.diagnostics["passed"])
+    words = worded("certificate", "verdict", sound, calibration.to_dict("records"), failed, against)
+    return sound and bool(calibration["passed"].all()), words
+
+
+def prior_words(sensitivity: pd.DataFrame) -> str:
+    """Which results the priors move, in a sentence."""
+    moved = sensitivity.loc[sensitivity["diagnosis"] != "\N{CHECK MARK}", "variable"].tolist()
+    return worded("certificate", "priors", moved)

@@ -1,0 +1,168 @@
+"""Ranks of truths among the draws of their posteriors, and whether they are uniform as they should be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float, Int
+from scipy.special import ndtr
+from scipy.stats import norm, t
+
+from bayestissue.base.results.tables import table_of_rows
+from bayestissue.inference.chain.results import ChainDraws
+from bayestissue.inference.execution.kept import evenly_spaced
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.model.hierarchy.population import MASS_ERROR
+from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.studies.certificate.augmented import Truth
+from bayestissue.studies.certificate.uniform import DRAWS, p_of_uniform
+
+# What an interval of 90 % holds of these places.
+_LEVEL = 0.9
+# Below so much, over all quantities together, ranks are called not uniform: of certificates of a correct fit
+# one in a hundred is wrong.
+RARE = 0.01
+_STUDIES = 4_000
+Ranks = dict[str, Int[np.ndarray, " element"]]
+
+
+def ranks_of(prepared: Prepared, chains: ChainDraws, truth: Truth, recorded: int) -> Ranks:
+    """How many of `DRAWS` draws are below the truth, of each quantity that the chain draws.
+
+    Args:
+        prepared: the fit of recorded and drawn impacts.
+        chains: its draws.
+        truth: of all its impacts.
+        recorded: how many impacts were recorded; the others were drawn.
+
+    Returns:
+        By name the ranks of its elements: of standard deviations and fixed effects one, of a group term those
+        of its levels, of K, C and an impact's further parameters those of the recorded impacts and, apart, of
+        the drawn ones; and that of the log likelihood of all traces.
+    """
+    model, design, levels = prepared.model, prepared.design, _levels(prepared)
+    among = Thinned(chains)
+    ranks = {
+        name: among.rank(chains.population.hyperparameters[name], truth.population.hyperparameters[name])
+        for name in model.hyperparameters
+    }
+    for part in model.locations.blocks:
+        where = model.locations.parts[part.name]
+        where = slice(where.start, where.start + levels.get(part.name, part.width))
+        ranks[part.name] = among.rank(chains.population.b[..., where], truth.population.b[where])
+    for q in ("K", "C"):
+        # Each covariate's by its own name.
+        if (name := f"covariate_effect_{q}") in ranks:
+            columns = design.responses[q].names
+            ranks |= {f"{name} of {c}": row[None] for c, row in zip(columns, ranks.pop(name), strict=True)}
+    of_impacts = among.rank(chains.u, truth.u, impacts=True)
+    for number, name in enumerate(("K", "C", *model.nuisance)):
+        ranks[f"{name} of recorded impacts"] = of_impacts[:recorded, number]
+        ranks[f"{name} of drawn impacts"] = of_impacts[recorded:, number]
+    density = log_likelihoods(model, prepared.data, truth.u[None]).sum()
+    return ranks | {"log likelihood": among.rank(chains.log_likelihood, density)}
+
+
+class Thinned:
+    """`DRAWS` draws of all chains, evenly spaced."""
+
+    def __init__(self, chains: ChainDraws) -> None:
+        self._shape = chains.shape
+        self._kept = chains.impact_draws
+
+    def rank(
+        self, draws: np.ndarray, truth: np.ndarray | float, *, impacts: bool = False
+    ) -> Int[np.ndarray, ...]:
+        """Of draws [chain, draw, ...], or [chain, kept, ...] of ``impacts``."""
+        numbers, length = self._kept if impacts else np.arange(self._shape[1]), self._shape[0]
+        rows = evenly_spaced(length * len(numbers), DRAWS)
+        flat = np.asarray(draws).reshape(-1, *np.shape(draws)[2:])[rows]
+        return np.atleast_1d((flat < np.asarray(truth)).sum(axis=0))
+
+
+def _levels(prepared: Prepared) -> dict[str, int]:
+    """How many levels there are of each group term, and errors of masses; the part of b may be wider."""
+    masses = {} if prepared.mass_group is None else {MASS_ERROR: int(prepared.mass_group.max()) + 1}
+    return masses | {
+        term.effect(part.response): len(prepared.design.groupings[term.grouping].levels)
+        for part in prepared.design.responses.values()
+        for term in part.terms
+    }
+
+
+class Judged(NamedTuple):
+    """What the ranks of one quantity say; see ``calibration.csv``."""
+
+    quantity: str
+    elements: int
+    held: float
+    held_se: float
+    shift: float
+    shift_se: float
+    p: float
+
+
+def calibration_table(ranks: Sequence[Mapping[str, Sequence[int]]]) -> pd.DataFrame:
+    """The table ``calibration.csv``: a row a quantity, of the ranks of every refit.
+
+    ``passed`` is 0 where p is small even for the least of so many quantities (Holm 1979).
+    """
+    judged = [judge(name, np.array([row[name] for row in ranks])) for name in ranks[0]]
+    p = np.array([judgement.p for judgement in judged])
+    order = np.argsort(p)
+    adjusted = np.empty_like(p)
+    adjusted[order] = np.minimum(1, np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)))
+    rows = [
+        (*judgement[:2], len(ranks), *judgement[2:], together, int(together >= RARE))
+        for judgement, together in zip(judged, adjusted, strict=True)
+    ]
+    return table_of_rows("calibration", rows)
+
+
+def judge(name: str, ranks: Int[np.ndarray, "refit element"]) -> Judged:
+    """Whether ranks of `DRAWS` are uniform: of one element over the refits, of several their means too.
+
+    Elements of one refit are told from the same truth, so that refits alone are independent: standard errors
+    are those of the refits' means, or of independent elements if greater. p of one element is that of
+    `p_of_uniform`. Of several it is twice the smaller of two: a t test of the shift, and
+    `p_of_held`.
+    """
+    refits, elements = ranks.shape
+    places = (ranks + 0.5) / (DRAWS + 1)
+    held = np.abs(places - 0.5) < _LEVEL / 2
+    scores = norm.ppf(places)
+    held_se = _standard_error(held.mean(axis=1), _LEVEL * (1 - _LEVEL) / (refits * elements))
+    shift_se = _standard_error(scores.mean(axis=1), 1 / (refits * elements))
+    if elements == 1:
+        p = p_of_uniform(ranks[:, 0])
+    else:
+        p_shift = 2 * float(t.sf(abs(scores.mean()) / shift_se, refits - 1))
+        p = min(1.0, 2 * min(p_shift, p_of_held(held.sum(axis=1), elements, scores.mean(axis=1).var(ddof=1))))
+    return Judged(name, elements, float(held.mean()), held_se, float(scores.mean()), shift_se, p)
+
+
+def p_of_held(held: Int[np.ndarray, " refit"], elements: int, variance: float) -> float:
+    """How often so many intervals of 90 % hold as few, or as many, though all ranks are uniform.
+
+    The scores of a refit's elements are taken as normal with one correlation, which the ``variance`` of their
+    means over refits tells: (1 + (m - 1) rho) / m. As it is known from the refits alone, it is drawn too.
+    """
+    refits, rng = len(held), np.random.default_rng([len(held), elements])
+    drawn = variance * (refits - 1) / rng.chisquare(refits - 1, (_STUDIES, 1))
+    rho = np.clip((drawn * elements - 1) / (elements - 1), 0.0, 0.99)
+    common, single = np.sqrt(rho) * rng.standard_normal((_STUDIES, refits)), np.sqrt(1 - rho)
+    end = norm.isf((1 - _LEVEL) / 2)
+    share = ndtr((end - common) / single) - ndtr((-end - common) / single)
+    simulated, observed = rng.binomial(elements, share).sum(axis=1), held.sum()
+    tail = min(int((simulated <= observed).sum()), int((simulated >= observed).sum()))
+    # Beyond all that was simulated by the normal of the same mean and standard deviation.
+    beyond = norm.sf(abs(observed - simulated.mean()) / max(simulated.std(), 0.5))
+    return float(min(1.0, 2 * (tail / _STUDIES if tail else min(beyond, 1 / _STUDIES))))
+
+
+def _standard_error(of_refits: Float[np.ndarray, " refit"], least: float) -> float:
+    """Of their mean, whose variance is this at the least."""
+    return float(np.sqrt(max(of_refits.var(ddof=1) / len(of_refits), least)))

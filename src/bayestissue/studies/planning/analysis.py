@@ -1,0 +1,336 @@
+"""How each candidate design will be analysed, and what of a plan it can't tell: refused before any work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from bayestissue.base.errors import InputError, Problem, collected
+from bayestissue.inference.answers.grammar import Choice, Quantity, QuestionError, claims, parse
+from bayestissue.inference.answers.law import MOTION, Law
+from bayestissue.inference.answers.meaning import quantities, searched
+from bayestissue.inference.answers.questions import (
+    Question,
+    outcomes_in,
+    problem_of,
+    require_outcomes,
+    require_readable,
+)
+from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
+from bayestissue.inference.answers.study import Study as Asked
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.design import Design, build_design
+from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.formulas.formula import DEFAULT_FORMULA
+from bayestissue.model.hierarchy.formulas.formula import resolve as resolve_formula
+from bayestissue.model.hierarchy.formulas.group_terms import quoted
+from bayestissue.model.hierarchy.priors import term_of_group, term_of_slope
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.recordings.dataset.cells import alike
+from bayestissue.studies.finished import read_run
+from bayestissue.studies.fitting import resolve
+from bayestissue.studies.planning.assurance import Goal
+from bayestissue.studies.planning.begun import begun_study, pilot_of
+from bayestissue.studies.planning.candidates import Candidate, grid, largest_of_each
+from bayestissue.studies.planning.information import simulation_of
+from bayestissue.studies.planning.law import planned_law
+from bayestissue.studies.planning.model import planned_model
+from bayestissue.studies.planning.population import Beliefs, DesignPrior
+from bayestissue.studies.planning.running import Running
+from bayestissue.studies.planning.specification import PlanSpecification
+from bayestissue.studies.simulation.specification import Simulation
+
+# The mass that K and C of the population are at, where neither plan nor model says.
+REFERENCE_MASS_KG = 0.7
+# Numbers that may be 0 or below, of which no relative width is.
+_SIGNED = ("mass_exponent_", "effect_of_", "intercept_", "residual_correlation")
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """A model, and the numbers of the designs that it will analyse."""
+
+    model: ModelSpecification
+    designs: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A plan that can be carried out.
+
+    Attributes:
+        plan: its file.
+        designs: the candidates.
+        analyses: of all of them.
+        goals: what the study shall find out.
+        prior: what is believed of the tissue.
+        simulations: whose measuring chains are those of the recorders, by name.
+        running: what a study that has begun has recorded.
+        words: what people, conditions and impacts are called, by the keys of ``[words]``.
+    """
+
+    plan: PlanSpecification
+    designs: tuple[Candidate, ...]
+    analyses: tuple[Analysis, ...]
+    goals: tuple[Goal, ...]
+    prior: DesignPrior
+    simulations: Mapping[str, Simulation]
+    running: Running | None = None
+    words: Mapping[str, str] = field(default_factory=dict)
+
+    def model_of(self, number: int) -> ModelSpecification:
+        """The model that analyses a design."""
+        return next(analysis.model for analysis in self.analyses if number in analysis.designs)
+
+
+def study_of(plan: PlanSpecification, source: str) -> Study:
+    """The plan with its designs and their analyses.
+
+    Args:
+        plan: its file.
+        source: what messages call that.
+
+    Raises:
+        InputError: a question or a belief is about what a design can't tell, a formula asks for it, or the
+            model or the pilot does not suit: all that is wrong at once.
+    """
+    earlier = None if plan.after is None else begun_study(plan.after, Beliefs(plan.population), source)
+    designs = tuple(grid(plan.candidates, tuple(plan.recordings)))
+    if earlier is None:
+        model, model_source = resolve(plan.model, formulas=plan.formula)
+        reference = plan.reference_mass_kg or model.reference_mass_kg or REFERENCE_MASS_KG
+    else:
+        model, model_source, designs = earlier.model, earlier.run, earlier.named(designs)
+        reference = model.reference_mass_kg or REFERENCE_MASS_KG
+    problems = _unsuited(plan, model, source)
+    law = planned_law(model, plan.gravity)
+    questions = []
+    for question in _questions(plan, source):
+        if problem := _unreadable(plan, question, source):
+            problems.append(problem)
+        else:
+            questions.append(question)
+    largest = largest_of_each(designs)
+    adapted = {
+        conditions: {} if earlier else _adapted(model, design, questions, plan, reference)
+        for conditions, design in largest.items()
+    }
+    judged: list[Design] = []
+    for conditions, candidate in largest.items():
+        formulas = model.formula.model_copy(update=adapted[conditions])
+        rows = earlier.all_rows(candidate) if earlier else candidate.rows()
+        named = source if plan.formula else model_source
+        with collected(problems):
+            design = build_design(formulas, rows, reference_mass_kg=reference, source=named)
+            judged.append(design)
+            masses = sorted(set(rows["mass_kg"]))
+            problems += _unanswerable(design, masses, questions, model, law, source)
+    problems += _unknown_beliefs(plan, judged, source)
+    prior: DesignPrior = Beliefs(plan.population) if earlier is None else earlier.prior
+    words = {} if earlier is None else earlier.words
+    if earlier is None and plan.pilot is not None:
+        with collected(problems):
+            prior, words = _pilot(plan.pilot, Beliefs(plan.population), model, source)
+    if problems:
+        raise InputError({str(problem): problem for problem in problems}.values())
+    formulas_of = [adapted[candidate.conditions] for candidate in designs]
+    simulations = {
+        name: simulation_of(recording, recorder=plan.recorder, gravity=plan.gravity)
+        for name, recording in plan.recordings.items()
+    }
+    return Study(
+        plan,
+        designs,
+        _analyses(plan, None if earlier is None else earlier.model, formulas_of, reference),
+        _goals(plan),
+        prior,
+        simulations,
+        None if earlier is None else earlier.running,
+        words if plan.words is None else plan.words.values(),
+    )
+
+
+def _unsuited(plan: PlanSpecification, model: ModelSpecification, source: str) -> list[Problem]:
+    """What keeps a model from analysing a plan, whatever its designs are."""
+    problems = []
+    if model.likelihood != "impact":
+        where = source, None, "model", model.likelihood
+        problems.append(Problem.stated("impossible-plan.likelihood", *where))
+    return problems
+
+
+def _analyses(
+    plan: PlanSpecification,
+    begun: ModelSpecification | None,
+    formulas_of: Sequence[Mapping[str, str]],
+    reference: float,
+) -> tuple[Analysis, ...]:
+    """Designs with the same formulas together, under the model of a study that has begun, or the plan's.
+
+    Args:
+        plan: its file.
+        begun: the model of a study that has begun.
+        formulas_of: of each design, those that the plan leaves open.
+        reference: the reference mass [kg].
+    """
+    together: dict[tuple[tuple[str, str], ...], list[int]] = {}
+    for number, formulas in enumerate(formulas_of):
+        together.setdefault(tuple(formulas.items()), []).append(number)
+    analyses = []
+    for further, numbers in together.items():
+        model = begun
+        if model is None:
+            resolved, _ = resolve(plan.model, formulas={**plan.formula, **dict(further)})
+            model = resolved.model_copy(update={"reference_mass_kg": reference})
+        analyses.append(Analysis(model, tuple(numbers)))
+    return tuple(analyses)
+
+
+def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
+    """The factors that questions name by two levels or more, as [[candidates.factors]] has them."""
+    levels: dict[str, dict[str, None]] = {}
+    for text in questions:
+        try:
+            named = [level for quantity in quantities(parse(text)) for level in quantity.levels]
+        except QuestionError:
+            continue
+        for level in named:
+            if level.value is not None and level.column not in _STANDARD:
+                levels.setdefault(alike(level.column, levels), {})[level.value] = None
+    return [{"name": name, "levels": list(values)} for name, values in levels.items() if len(values) > 1]
+
+
+_STANDARD = ("impact", "subject", "trial", "energy_J", *MOTION)
+
+
+def _adapted(
+    model: ModelSpecification,
+    design: Candidate,
+    questions: Sequence[Question],
+    plan: PlanSpecification,
+    reference: float,
+) -> dict[str, str]:
+    """The default formula with the factors that are asked for, less what the design can't tell."""
+    factors = [factor.name for factor in plan.candidates.factors]
+    named = {
+        alike(level.column, factors)
+        for question in questions
+        for quantity in quantities(parse(question.text))
+        for level in quantity.levels
+    }
+    wanted = DEFAULT_FORMULA
+    for factor in plan.candidates.factors:
+        if factor.name in named:
+            name = quoted([factor.name])
+            wanted += f" + {name}" + (f" + (1|subject:{name})" if factor.within else "")
+    missing = [q for q in RESPONSES if getattr(model.formula, q) is None]
+    return dict.fromkeys(missing, str(resolve_formula(wanted, design.rows(), reference).terms))
+
+
+def _questions(plan: PlanSpecification, source: str) -> list[Question]:
+    claimed = [Question(text, f"{source}, questions.{name}", name) for name, text in plan.questions.items()]
+    numbers = plan.precision.items()
+    return claimed + [Question(number.of, f"{source}, precision.{name}.of", name) for name, number in numbers]
+
+
+def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Problem | None:
+    """A slip of form, a claim where a number belongs, or a number where a claim does."""
+    name, text = question.name, question.text
+    try:
+        node = parse(text)
+    except QuestionError as slip:
+        return problem_of(slip, question)
+    is_question, is_claim = name in plan.questions, claims(node)
+    if is_question and not is_claim:
+        return Problem.stated("impossible-plan.claim", source, None, f"questions.{name}", text)
+    if (is_claim or isinstance(node, Choice)) and not is_question:
+        return Problem.stated("impossible-plan.number", source, None, f"precision.{name}.of", text)
+    if searched(node):
+        key = f"questions.{name}" if is_question else f"precision.{name}.of"
+        return Problem.stated("impossible-plan.critical", source, None, key, text)
+    signed = isinstance(node, Quantity) and node.name.startswith(_SIGNED)
+    if signed and not is_question and plan.precision[name].relative:
+        return Problem.stated("impossible-plan.relative", source, None, f"precision.{name}.relative", text)
+    return None
+
+
+def _unanswerable(
+    design: Design,
+    masses_kg: Sequence[float],
+    questions: Sequence[Question],
+    model: ModelSpecification,
+    law: Law,
+    source: str,
+) -> list[Problem]:
+    """Questions about what this design does not have."""
+    problems: list[Problem] = []
+    draws = _example(design, model)
+    further = [parameter.name for parameter in element(model.element).extra]
+    words: dict[str, Any] = {"element": model.element, "parameters": ", ".join(further)}
+    for question in questions:
+        exponents = [q.name for q in quantities(parse(question.text)) if q.name.startswith("mass_exponent_")]
+        if exponents and len(masses_kg) == 1:
+            where = source, None, "candidates.masses_kg", masses_kg[0]
+            names: dict[str, Any] = {"exponent": exponents[0], "name": question.name}
+            problems.append(Problem.stated("impossible-plan.one-mass", *where, **names))
+            continue
+        with collected(problems):
+            require_readable([question], design.recorded, draws)
+            if outcomes_in(parse(question.text), design.recorded) and further:
+                raise InputError.stated(
+                    "impossible-plan.outcome", *(source, None, "model", model.name), **words
+                )
+            require_outcomes([question], Asked(draws, design.recorded, law))
+    return problems
+
+
+def _example(design: Design, model: ModelSpecification) -> xr.Dataset:
+    """Two draws of everything that a question may name, of which no value counts."""
+    planned, _ = planned_model(model.model_copy(update={"formula": design.formulas}), design)
+    values = {name: np.array([[0.1, 0.2]]) for name in planned.hyperparameters}
+    b = np.broadcast_to(np.array([[[0.1], [0.2]]]), (1, 2, planned.locations.size))
+    draws = planned.draws(design, values, b)
+    known = {q: variances(draws, design.recorded, q, measurement_sd=0.01) for q in RESPONSES}
+    return draws.merge(as_variables(coefficients(known, draws)))
+
+
+def _unknown_beliefs(plan: PlanSpecification, designs: Sequence[Design], source: str) -> Iterator[Problem]:
+    """Beliefs about effects and groups that no design has."""
+
+    def unknown(table: str, key: str, known: Iterable[object]) -> Problem:
+        column, allowed = f'population.{table}."{key}"', ", ".join(sorted(map(str, known))) or "nothing"
+        return Problem.stated("impossible-plan.belief", source, None, column, None, allowed=allowed)
+
+    terms = {term for design in designs for term in design.terms}
+    for table, read in (("sd_group", term_of_group), ("sd_slope", term_of_slope)):
+        terms_of_table = [term for term in terms if bool(term.slope) == (table == "sd_slope")]
+        for key in getattr(plan.population, table):
+            if read(key) not in terms:
+                yield unknown(table, key, terms_of_table)
+    for q, effects in plan.population.effects.items():
+        names = {n for design in designs if q in design.responses for n in design.responses[q].names}
+        yield from (unknown(f"effects.{q}", key, names) for key in effects if key not in names)
+
+
+def _pilot(
+    run: str, otherwise: Beliefs, model: ModelSpecification, source: str
+) -> tuple[DesignPrior, Mapping[str, str]]:
+    """The posterior of a finished fit, which has to be of the same element, and its dataset's words."""
+    pilot = read_run(run)
+    if pilot.specification.element != model.element:
+        value, wanted = pilot.specification.element, model.element
+        raise InputError.stated("impossible-plan.pilot", source, None, "pilot", value, element=wanted)
+    return pilot_of(pilot, otherwise, (source, None, "pilot", run)), pilot.about.get("words", {})
+
+
+def _goals(plan: PlanSpecification) -> tuple[Goal, ...]:
+    claimed = [Goal(name, text) for name, text in plan.questions.items()]
+    numbers = [
+        Goal(name, number.of, number.half_width or number.relative, number.relative is not None)
+        for name, number in plan.precision.items()
+    ]
+    return (*claimed, *numbers)

@@ -1,0 +1,202 @@
+"""What one impact will tell of log K and log C, by condition: the precision of its Gaussian site.
+
+Of each condition a few impacts are simulated on people of the population, through the recorder as it is
+declared, and summarised by the same expansion that a fit of them would use. What else a trace tells, such
+as the noise or an element's further parameters, is integrated out under its own prior,
+
+    P = P_uu - P_un (P_nn + D_n)^-1 P_nu,
+
+and planned impacts take these precisions in turn. Whether a Gaussian can stand for the traces at all shows in
+how far the sites' centres are from the truth: the mean of (m - u)' P (m - u) over the length of u is 1 if it
+can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from bayestissue.inference.execution.chunks import map_impacts
+from bayestissue.inference.factors.conditional import ConditionalPrior
+from bayestissue.inference.factors.expansions import first_guess
+from bayestissue.inference.factors.sites import laplace_sites
+from bayestissue.mechanics.elements import element
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.model.hierarchy.traces import with_normal_errors
+from bayestissue.recordings.dataset.settings import Gravity, LowPassFilter
+from bayestissue.studies.planning.settings import PLAN as SETTINGS
+from bayestissue.studies.simulation.campaign import simulate
+from bayestissue.studies.simulation.specification import (
+    Condition,
+    Design,
+    RecordedDeceleration,
+    Recording,
+    Simulation,
+    Tissue,
+)
+
+_CONDITION = ("mass_kg", "velocity_m_s", "diameter_m")
+
+
+@dataclass(frozen=True)
+class TypicalTissue:
+    """What the simulated people have: means and standard deviations of log K and log C over the population.
+
+    Attributes:
+        mean: of log K and log C at the reference mass.
+        sd: of all that makes an impact's differ.
+        exponent: of log mass, of K and of C.
+        reference_mass_kg: that mass.
+    """
+
+    mean: tuple[float, float]
+    sd: tuple[float, float]
+    exponent: tuple[float, float]
+    reference_mass_kg: float
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Precisions of log K and log C from one impact's recording.
+
+    Attributes:
+        conditions: ``mass_kg``, ``velocity_m_s`` and, where it counts, ``diameter_m``.
+        precision: of some people in each condition.
+        calibration: mean of (m - u)' P (m - u) over the length of u, over all of them.
+    """
+
+    conditions: pd.DataFrame
+    precision: Float[np.ndarray, "condition person parameter parameter"]
+    calibration: float
+
+    @property
+    def is_gaussian(self) -> bool:
+        """Whether Gaussian sites may stand for the traces."""
+        low, high = SETTINGS.calibrated
+        return low < self.calibration < high
+
+    @property
+    def measurement_sd(self) -> dict[str, float]:
+        """The standard deviation that one trace leaves log K and log C: the median over people."""
+        covariance = np.linalg.inv(self.precision)
+        return {q: float(np.sqrt(np.median(covariance[..., k, k]))) for k, q in enumerate("KC")}
+
+    def of_rows(self, rows: pd.DataFrame) -> Float[np.ndarray, "impact parameter parameter"]:
+        """The precision of each planned impact."""
+        columns = list(self.conditions)
+        numbered = self.conditions.assign(_condition=np.arange(len(self.conditions)))
+        condition = rows[columns].merge(numbered, on=columns, how="left")["_condition"].to_numpy()
+        person = pd.factorize(rows["subject"])[0] + rows.groupby("subject").cumcount().to_numpy()
+        return self.precision[condition, person % self.precision.shape[1]]
+
+
+def information(
+    rows: pd.DataFrame,
+    specification: ModelSpecification,
+    tissue: TypicalTissue,
+    simulation: Simulation,
+    seed: int = 0,
+) -> Information:
+    """What traces in the conditions of these rows tell.
+
+    Args:
+        rows: of all designs: ``mass_kg``, ``velocity_m_s``.
+        specification: the analysis: likelihood, element, signal.
+        tissue: of the people that are simulated.
+        simulation: whose recording, recorder and gravity are those of the study.
+        seed: of the simulated impacts.
+
+    Raises:
+        InputError: the recorder's traces are no data for this analysis, as where the window has too few
+            samples.
+    """
+    columns = [name for name in _CONDITION if name in rows]
+    conditions = rows[columns].drop_duplicates(ignore_index=True)
+    further = element(specification.element).extra
+    planned = simulation.model_copy(
+        update={
+            "design": Design(
+                conditions=tuple(
+                    Condition(trial=f"t{number}", **{str(name): value for name, value in row.items()})
+                    for number, row in enumerate(conditions.to_dict("records"))
+                ),
+                subjects=SETTINGS.people,
+            ),
+            "tissue": Tissue(
+                K_N_per_m=float(np.exp(tissue.mean[0])),
+                C_N_s_per_m=float(np.exp(tissue.mean[1])),
+                reference_mass_kg=tissue.reference_mass_kg,
+                mass_exponent_K=tissue.exponent[0],
+                mass_exponent_C=tissue.exponent[1],
+                sd_subject_K=tissue.sd[0],
+                sd_subject_C=tissue.sd[1],
+                element=specification.element,
+                parameters={parameter.name: parameter.typical for parameter in further},
+            ),
+            # An error of the mass is part of how impacts scatter, and not of what one impact tells.
+            "recording": simulation.recording.model_copy(update={"relative_mass_sd": 0.0}),
+        }
+    )
+    campaign = simulate(planned, seed)
+    alone = specification.model_copy(
+        update={"formula": Formulas(K="1", C="1"), "discrepancy": "none", "mass_error": "impact"}
+    )
+    prepared = prepare(campaign.dataset("plan"), alone, source=specification.name)
+    truth = np.log(campaign.truth[["K_N_per_m", "C_N_s_per_m"]].to_numpy())
+    start = first_guess(prepared)
+    start[:, :2] = truth
+    nuisance = start[:, 2:]
+    spread = spreads_of_nuisance(specification, prepared.model.nuisance)
+    sd = np.concatenate([np.maximum(tissue.sd, 1e-3), spread])
+    log_mass = np.log(prepared.signal.mass / tissue.reference_mass_kg)
+    mean = np.concatenate([np.array(tissue.mean) + np.outer(log_mass, tissue.exponent), nuisance], axis=1)
+    prior = ConditionalPrior(mean, np.diag(sd**-2.0)).of_each()
+    smooth = with_normal_errors(prepared.data)
+    sites = map_impacts(partial(laplace_sites, prepared.model), smooth, start, prior)
+    size = truth.shape[1]
+    centre, precision = without_nuisance(sites, spread)
+    deviation = centre - truth
+    calibration = float(np.einsum("ia,iab,ib->i", deviation, precision, deviation).mean() / size)
+    return Information(
+        conditions, precision.reshape(len(conditions), SETTINGS.people, size, size), calibration
+    )
+
+
+def without_nuisance(
+    sites: GaussianFactor, spread: Float[np.ndarray, " nuisance"]
+) -> tuple[Float[np.ndarray, "impact 2"], Float[np.ndarray, "impact 2 2"]]:
+    """Centre and precision of log K and log C, the other parameters integrated out.
+
+    Args:
+        sites: of all parameters of each impact.
+        spread: prior standard deviation of each of the others, about the site's centre.
+    """
+    P, shift, centre = (np.asarray(part) for part in (sites.precision, sites.shift, sites.centre))
+    across = np.linalg.solve(P[:, 2:, 2:] + np.diag(spread**-2.0), P[:, 2:, :2])
+    precision = P[:, :2, :2] - P[:, :2, 2:] @ across
+    # A site may be written about another point than its maximum.
+    gained = shift[:, :2] - np.einsum("ina,in->ia", across, shift[:, 2:])
+    return centre[:, :2] + np.linalg.solve(precision, gained[..., None])[..., 0], precision
+
+
+def spreads_of_nuisance(specification: ModelSpecification, nuisance: Sequence[str]) -> np.ndarray:
+    """How much each further parameter may differ from what is known of it: between impacts, by its prior."""
+    priors: dict[str, Any] = specification.complete_priors().by_name()
+    return np.array([priors[f"sd_{name}"].scale for name in nuisance], float)
+
+
+def simulation_of(
+    recording: RecordedDeceleration, *, recorder: LowPassFilter | None = None, gravity: Gravity = "none"
+) -> Simulation:
+    """A specification of which the measuring chain alone counts."""
+    tissue = Tissue(K_N_per_m=3000.0, C_N_s_per_m=25.0)
+    chain = Recording(**{name: getattr(recording, name) for name in RecordedDeceleration.model_fields})
+    return Simulation(name="plan", tissue=tissue, recording=chain, recorder=recorder, gravity=gravity)

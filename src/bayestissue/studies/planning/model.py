@@ -1,0 +1,142 @@
+"""The hierarchy of a planned study: log K and log C of each impact, measured with a known precision.
+
+What else a trace tells, such as its noise, is integrated out of its precision beforehand
+(`bayestissue.studies.planning.information`), and everything that follows is the hierarchy of a fit: u ~ N(X
+b, D^-1), with a Gaussian factor of u in the place of each trace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jax import Array
+from jaxtyping import Float
+from numpyro.distributions import biject_to
+
+from bayestissue.model.hierarchy import derived
+from bayestissue.model.hierarchy.design import Design
+from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
+from bayestissue.model.hierarchy.levels import log_at_levels
+from bayestissue.model.hierarchy.population import (
+    EffectParts,
+    SharedMasses,
+    heavier,
+    population_design,
+    whose_errors,
+)
+from bayestissue.model.hierarchy.priors import Priors
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.traces import Hierarchy, hyperparameters_at
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedModel(Hierarchy):
+    """What the analysis of a planned study assumes.
+
+    Attributes:
+        locations: what the elements of b are.
+        priors: of the analysis.
+        correlated: whether the deviations of log K and log C of one impact are.
+        log_mass_sd: standard deviation of the error of the recorded log mass.
+        known: the hyperparameters that the analysis knows, by name; empty of a real one.
+        common_mass_sd: standard deviation of the log of a factor that all masses have in common, in the place
+            of errors of their own; None where they have those.
+    """
+
+    locations: EffectParts
+    priors: Priors
+    correlated: bool
+    log_mass_sd: float = 0.0
+    known: Mapping[str, float] | None = None
+    common_mass_sd: float | None = None
+
+    @cached_property
+    def unknown(self) -> tuple[str, ...]:
+        """The hyperparameters that the analysis estimates."""
+        return tuple(name for name in self.hyperparameters if name not in (self.known or {}))
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """All that what is compiled for this model depends on."""
+        known = tuple(sorted((self.known or {}).items()))
+        return self.locations, self.priors, self.correlated, self.log_mass_sd, known, self.common_mass_sd
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, PlannedModel) and self.key == other.key
+
+    def at(self, y: Float[Array, " coordinate"]) -> tuple[dict[str, Array], Float[Array, ""]]:
+        """The hyperparameters and their log prior density at unconstrained coordinates of `unknown`."""
+        values, density = hyperparameters_at(self, y)
+        return values | {name: jnp.asarray(value) for name, value in (self.known or {}).items()}, density
+
+    def unconstrained(self, values: Mapping[str, Any]) -> Float[np.ndarray, "study coordinate"]:
+        """Coordinates of `at`, of any number of studies."""
+        coordinates = [
+            biject_to(self.prior_of(name).support).inv(jnp.asarray(values[name])) for name in self.unknown
+        ]
+        if not coordinates:
+            return np.zeros((len(next(iter(values.values()))), 0))
+        return np.stack([np.asarray(coordinate) for coordinate in coordinates], axis=-1)
+
+    def at_true_masses(
+        self, b: Float[np.ndarray, "study draw location"], standard: Float[np.ndarray, "study draw"]
+    ) -> Float[np.ndarray, "study draw location"]:
+        """Effects at the true masses, whose common factor is drawn from standard normals given b."""
+        if self.common_mass_sd is None:
+            return b
+        return heavier(self.locations, b, self.common_mass_sd * standard)
+
+    def draws(
+        self, design: Design, values: Mapping[str, np.ndarray], b: Float[np.ndarray, "chain draw location"]
+    ) -> xr.Dataset:
+        """Draws by the names that questions use, those of a typical person among them.
+
+        Args:
+            design: whose formulas the model has.
+            values: hyperparameters, [chain, draw].
+            b: all fixed and group effects.
+        """
+        design = replace(design, responses={q: design.responses[q] for q in RESPONSES})
+        population = dict(values) | derived.effects_by_name(self.locations, design, b)
+        draws = derived.labelled_draws(design, derived.formula_quantities(design, population))
+        draws = draws.assign_coords(chain=np.arange(b.shape[0]), draw=np.arange(b.shape[1]))
+        typical = {q: log_at_levels(draws, design.recorded, q, [{}])[..., 0] for q in RESPONSES}
+        with np.errstate(over="ignore"):
+            return draws.assign(
+                {f"{q}_typical_person": (("chain", "draw"), np.exp(log)) for q, log in typical.items()}
+            )
+
+
+def planned_model(
+    specification: ModelSpecification,
+    design: Design,
+    relative_mass_sd: float = 0.0,
+) -> tuple[PlannedModel, PopulationDesign]:
+    """The analysis of a study with this design, and its X arranged.
+
+    Args:
+        specification: the model file.
+        design: its formulas over the rows of the study.
+        relative_mass_sd: of the recorded mass.
+    """
+    priors = specification.complete_priors()
+    # The parameters of an element besides K and C are part of a trace's precision.
+    responses = {q: design.responses[q] for q in RESPONSES}
+    mass_kg = design.recorded.rows["mass_kg"].to_numpy(float)
+    whose = whose_errors(specification.mass_error, mass_kg)
+    common = relative_mass_sd if whose == "all" else None
+    own = 0.0 if whose == "all" else relative_mass_sd
+    masses = SharedMasses.stated(whose, own, design.subject, mass_kg)
+    effects, columns = population_design(replace(design, responses=responses), priors, (), masses)
+    correlated = specification.residual_correlation
+    return PlannedModel(effects, priors, correlated, own, common_mass_sd=common), columns

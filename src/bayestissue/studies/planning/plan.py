@@ -1,0 +1,428 @@
+"""A plan carried out: every design assessed, the cheapest that answers, and what more would add."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.base import results, runtime
+from bayestissue.base.errors import path_argument
+from bayestissue.base.outline import Rows, short
+from bayestissue.base.result import Result
+from bayestissue.base.results.tables import table_of_rows, typed
+from bayestissue.inference.answers.fixed import confounded
+from bayestissue.inference.answers.meaning import as_recorded
+from bayestissue.model.hierarchy.design import build_design
+from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.formulas.formula import terms_of
+from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, grouping_of
+from bayestissue.reports.pages.plan_page import page_of
+from bayestissue.studies.fitting import formulas_of, silent
+from bayestissue.studies.planning.analysis import Study, factors_named, study_of
+from bayestissue.studies.planning.assurance import Assessment, Goal, Progress
+from bayestissue.studies.planning.ledger import Case, Ledger, sha256_of
+from bayestissue.studies.planning.population import Beliefs, DesignPrior, Pilot, WithoutSpread
+from bayestissue.studies.planning.settings import PLAN as SETTINGS
+from bayestissue.studies.planning.specification import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
+from bayestissue.studies.planning.words import (
+    answer,
+    in_own_words,
+    limit_words,
+    paragraph,
+    warning,
+    what_limits,
+)
+from bayestissue.studies.simulation.specification import Recording
+
+PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan(Result):
+    """A plan carried out.
+
+    Attributes:
+        about: the content of ``run.json``.
+        content: that of ``plan.json``: the plan as it was resolved, what was found, and a SHA-256 of all.
+        designs: a row for each design and goal: ``designs.csv``.
+        studies: a row for each study: ``studies.parquet``, from which a longer plan goes on.
+    """
+
+    command = "plan"
+    files = ("designs.csv", "report.html")
+    table_names = (DESIGNS,)
+    about: dict[str, Any]
+    content: dict[str, Any]
+    designs: pd.DataFrame
+    studies: pd.DataFrame
+
+    def _outline(self) -> tuple[str, Rows]:
+        plan, count = self.content["plan"], len(self.content["designs"])
+        rows = [
+            ("answer", short(self.answer, 300)),
+            ("designs", f"{count}, of {plan['goal']['studies']} studies"),
+            ("more in", ".answer, .paragraph, .designs, .content, .report(path)"),
+        ]
+        return f"Plan {short(plan['name'])}", rows
+
+    @property
+    def answer(self) -> str:
+        """The cheapest design that answers, in a sentence."""
+        return str(self.content["answer"])
+
+    @property
+    def paragraph(self) -> str:
+        """The same for a grant application or a preregistration."""
+        return str(self.content["paragraph"])
+
+    def page(self) -> str:
+        """The HTML of the page."""
+        return page_of(self.content, self.designs, self.about)
+
+    def write(self, folder: Path) -> None:
+        """Write every file of a plan, but for the page that is drawn of them."""
+        super().write(folder)
+        self.studies.to_parquet(folder / STUDIES, index=False)
+        results.write_json(self.content, folder / PLAN)
+
+
+def plan(
+    file: str | Path | None = None,
+    *,
+    people: int | Sequence[int] = (),
+    masses_kg: Sequence[float] | Sequence[Sequence[float]] = (),
+    ask: str | Sequence[str] | Mapping[str, str] = (),
+    repeats: int | Sequence[int] = 1,
+    velocities_m_s: float | Sequence[float] | Sequence[Sequence[float]] = 1.5,
+    within: Mapping[str, Sequence[str]] | None = None,
+    groups: Mapping[str, Sequence[str]] | None = None,
+    model: str | None = None,
+    K: str | None = None,
+    C: str | None = None,
+    after: str | Path | None = None,
+    dataset: str | Path | None = None,
+    studies: int | None = None,
+    seed: int | None = None,
+    say: Progress | None = None,
+) -> Plan:
+    """How many people, masses and impacts a study needs to answer its questions, before anyone is hit.
+
+    Thousands of studies are drawn from what is believed of people and tissue, each is analysed as `fit` would
+    analyse it, and its questions are asked. Assurance is the share of studies that answer them.
+
+    Args:
+        file: a plan file; everything but ``after``, ``dataset``, ``studies``, ``seed``, ``say`` is in it.
+        people: how many are recruited; several are candidates.
+        masses_kg: the masses that every person is hit by; several lists are candidates.
+        ask: claims to be decided, such as "mass_exponent_K < 0.5"; a dict names them.
+        repeats: impacts of each person in each condition; several are candidates.
+        velocities_m_s: velocities at contact.
+        within: factors at whose every level each person is hit, such as {"side": ["left", "right"]}. Left
+            out with ``groups``, they are those that questions name.
+        groups: groups that each person belongs to, such as {"sex": ["f", "m"]}.
+        model: the analysis, as `fit` takes it; "impact" unless given.
+        K: what log K depends on; as the model has it unless given.
+        C: the same of log C; that of ``K`` unless given.
+        after: the folder of the fit of a study that has begun: what is planned is still to come.
+        dataset: the recordings that were fitted.
+        studies: of each design; a multiple of 100.
+        seed: same seed, same machine: same numbers.
+        say: told the stage, how much of it is done, and its total.
+
+    Returns:
+        The plan: ``.answer`` and ``.paragraph`` in words, ``.designs`` (a row a design and goal),
+        ``.content``, and the method ``.report(folder)``.
+
+    Raises:
+        InputError: the plan is wrong, or asks for what its designs can't tell.
+
+    Example:
+        >>> plan = bt.plan(people=[10, 20, 30], masses_kg=[0.5, 1.0, 1.5], ask="mass_exponent_K < 0.5")
+        >>> print(plan.answer)
+        >>> plan.report("plans/exponent")
+    """
+    if file is not None:
+        specification, source = read_plan(path_argument("file", file, "the path of a plan file")), str(file)
+    else:
+        numbers = {"people": people, "masses_kg": masses_kg, "repeats": repeats}
+        lists = numbers | {"velocities_m_s": velocities_m_s}
+        content = content_of(lists, ask, within=within, groups=groups, model=model, K=K, C=C)
+        specification, source = plan_of(content, "arguments"), "arguments"
+    specification = with_changes(specification, source, "after", run=after, dataset=dataset)
+    specification = with_changes(specification, source, "goal", studies=studies, seed=seed)
+    runtime.release_compiled()
+    with runtime.compiled_kept():
+        return carry_out(study_of(specification, source), say=say)
+
+
+def content_of(
+    candidates: Mapping[str, Any],
+    ask: str | Sequence[str] | Mapping[str, str],
+    *,
+    within: Mapping[str, Sequence[str]] | None = None,
+    groups: Mapping[str, Sequence[str]] | None = None,
+    model: str | None = None,
+    K: str | None = None,
+    C: str | None = None,
+) -> dict[str, Any]:
+    """What a plan file of the commonest kind would hold; arguments as of `plan`."""
+    texts = [ask] if isinstance(ask, str) else ask
+    if not isinstance(texts, Mapping):
+        texts = {f"question_{number}": text for number, text in enumerate(texts, start=1)}
+    factors = factors_named(texts.values()) if within is None and groups is None else []
+    for further, named in (({}, within), ({"of_people": True}, groups)):
+        factors += [
+            {"name": name, "levels": list(levels), **further} for name, levels in (named or {}).items()
+        ]
+    lists = {name: _plain(value) for name, value in candidates.items()}
+    formulas = formulas_of(K, C or None)
+    content = {"candidates": {**lists, "factors": factors}, "questions": dict(texts), "formula": formulas}
+    return content if model is None else {**content, "model": model}
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and lists as a file has them, also of arrays and ranges."""
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [_plain(inner) for inner in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def with_changes(plan: PlanSpecification, source: str, table: str, **changed: Any) -> PlanSpecification:
+    """The plan with other settings of one of its tables, such as "goal", where they are given.
+
+    Raises:
+        InputError: a setting has a wrong value, or another one that it needs is missing.
+    """
+    settings = {k: str(v) if isinstance(v, Path) else v for k, v in changed.items() if v is not None}
+    if not settings:
+        return plan
+    content = plan.model_dump(mode="json", exclude_unset=True)
+    return plan_of({**content, table: {**content.get(table, {}), **settings}}, source)
+
+
+def carry_out(
+    study: Study,
+    *,
+    say: Progress | None = None,
+    known: pd.DataFrame | None = None,
+    parts: Path | None = None,
+) -> Plan:
+    """Assess every design, choose the cheapest that answers, and see what more of anything would add.
+
+    Args:
+        study: the plan, found possible.
+        say: told the stage, how much of it is done, and its total.
+        known: studies of an earlier plan, from which this goes on.
+        parts: a folder in which finished studies are kept meanwhile.
+    """
+    start = runtime.Start()
+    aim = study.plan.goal
+    ledger = Ledger(aim.seed, aim.probability, say or silent, known, parts)
+    cases = [
+        Case(
+            design,
+            study.model_of(number),
+            study.prior,
+            study.simulations[design.recorder],
+            study.running,
+        )
+        for number, design in enumerate(study.designs)
+    ]
+    assessments = ledger.assess(cases, study.goals, aim.studies)
+    minutes = [design.minutes(study.plan.cost) for design in study.designs]
+    # The least assurance of all goals as a fraction of what is wanted.
+    reached = [min(one.answered for one in of_goals) / aim.assurance for of_goals in assessments]
+    chosen = _best(range(len(cases)), reached, minutes)
+    reaching = reached[chosen] >= 1
+    variants, limits = _variants(cases[chosen], reaches=reaching), _limits(cases[chosen])
+    fewer = min(aim.studies, SETTINGS.fewer_studies)
+    normal = bool(ledger.table()["normal"].all())
+    # Not many people too: designs that are assessed together cost as much as the largest of them.
+    together = [case for name, case in variants.items() if name != "many people"]
+    ledger.assess([*together, *limits.values()], study.goals, fewer)
+    (base,) = ledger.assess([cases[chosen]], study.goals, fewer)
+
+    def numbers(case: Case) -> dict[str, Any]:
+        (assessed,) = ledger.assess([case], study.goals, fewer)
+        return _of_case(case, study.plan, assessed, base)
+
+    content: dict[str, Any] = {
+        "program": "bayestissue",
+        "version": runtime.versions()["bayestissue"],
+        "plan": study.plan.model_dump(mode="json", exclude_none=True),
+        "analyses": [
+            {"designs": [number + 1 for number in one.designs], "model": one.model.model_dump(mode="json")}
+            for one in study.analyses
+        ],
+        "designs": [
+            {"design": number, **_of_case(case, study.plan, of_goals)}
+            for number, (case, of_goals) in enumerate(zip(cases, assessments, strict=True), start=1)
+        ],
+        "normal_traces": normal,
+        "chosen": chosen + 1,
+        "reaches": reaching,
+        "held_open": {} if reaching else _held_open(cases[chosen], study.goals),
+        "variants": {name: numbers(case) for name, case in variants.items()},
+        "limits": {key: {"words": limit_words(key), **numbers(case)} for key, case in limits.items()},
+        **({"words": dict(study.words)} if study.words else {}),
+    }
+    content = _in_words(content)
+    stated = {"plan": study.plan.name, "seed": aim.seed, "studies": aim.studies, "sha256": content["sha256"]}
+    record = start.record("plan", "plan", **stated)
+    return Plan(record, content, _designs(content), ledger.table())
+
+
+def _in_words(content: dict[str, Any]) -> dict[str, Any]:
+    """With a digest of all that was assumed and found, and then the same in words, the study's own."""
+    content["sha256"] = sha256_of(content)
+    content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
+    content["limiting"] = what_limits(content)
+    return in_own_words(content)
+
+
+def _best(numbers: Sequence[int], reached: Sequence[float], minutes: Sequence[float]) -> int:
+    """Of some designs the cheapest that answers; where none does, the one that answers most."""
+    reaching = [number for number in numbers if reached[number] >= 1]
+    if reaching:
+        return min(reaching, key=lambda number: minutes[number])
+    return max(numbers, key=lambda number: (reached[number], -minutes[number]))
+
+
+def known_studies(folder: Path) -> pd.DataFrame | None:
+    """The studies of an earlier plan in a folder; None where there are none that can be read."""
+    try:
+        return pd.read_parquet(folder / STUDIES)
+    except (OSError, ValueError):
+        return None
+
+
+def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
+    """The chosen design with more people, and at one assumed truth or as it stands."""
+    design = case.design
+    variants = {"more people": replace(case, design=design.with_people(design.people + SETTINGS.more_people))}
+    if case.running is None:
+        variants["one truth"] = replace(case, prior=_at_one_truth(case.prior))
+    else:
+        variants["as it stands"] = replace(case, design=design.with_people(0))
+    if not reaches:
+        many = max(2 * design.people, min(SETTINGS.many_times * design.people, MOST_PEOPLE))
+        variants["many people"] = replace(case, design=design.with_people(many))
+    return variants
+
+
+def _limits(case: Case) -> dict[str, Case]:
+    """The chosen design, each time less limited in one respect; see `words.LIMITS`."""
+    design, simulation = case.design, case.simulation
+    chain, formula = simulation.recording, case.model.formula
+    limits = {
+        "people": replace(case, design=design.with_people(2 * design.people)),
+        "impacts": replace(case, design=replace(design, repeats=2 * design.repeats)),
+    }
+    terms = dict.fromkeys(term for q in RESPONSES for term in terms_of(getattr(formula, q)).groups)
+    for stem in (term.stem for term in terms if term != SUBJECT):
+        limits[stem] = replace(case, prior=WithoutSpread(case.prior, f"sd_{stem}"))
+    for name, share in (("noise", SETTINGS.better_noise), ("chain", 0.0)):
+        better = _with_less(chain, share, noise=name == "noise")
+        if better != chain:
+            limits[name] = replace(case, simulation=simulation.model_copy(update={"recording": better}))
+    return limits
+
+
+def _with_less(chain: Recording, share: float, *, noise: bool) -> Recording:
+    """A share of the standard deviations of a measuring chain: of its noise, or of all its other errors."""
+    names = [
+        name
+        for name in Recording.model_fields
+        if ("_sd" in name or name.startswith("noise_")) and name.startswith("noise_") == noise
+    ]
+    return chain.model_copy(update={name: share * getattr(chain, name) for name in names})
+
+
+def _held_open(case: Case, goals: Sequence[Goal]) -> dict[str, list[dict[str, Any]]]:
+    """Of each goal, the group terms that people do not tell from it however many there are, with levels."""
+    rows = case.design.rows()
+    if case.running is not None:
+        rows = pd.concat([case.running.rows, rows], ignore_index=True)[list(rows)]
+    reference = case.model.reference_mass_kg
+    recorded = build_design(
+        case.model.formula, rows, reference_mass_kg=reference, source=case.model.name
+    ).recorded
+    return {
+        goal.name: [
+            {"term": str(term), "levels": len(grouping_of(rows, term.factors).levels), "of": term.grouping}
+            for term in confounded(as_recorded(goal.node, recorded, None), recorded)
+        ]
+        for goal in goals
+    }
+
+
+def _mean(values: np.ndarray) -> float | None:
+    """The mean; None of what has none."""
+    return float(values.mean()) if np.isfinite(values).all() else None
+
+
+def _at_one_truth(prior: DesignPrior) -> DesignPrior:
+    """Every belief at its median."""
+    match prior:
+        case Beliefs(population=population):
+            return Beliefs(population.at_median())
+        case Pilot(draws=draws, otherwise=otherwise):
+            medians = {name: np.median(values, keepdims=True) for name, values in draws.items()}
+            return Pilot(medians, prior.reference_mass_kg, Beliefs(otherwise.population.at_median()))
+    raise TypeError(type(prior))
+
+
+def _of_case(
+    case: Case, plan: PlanSpecification, assessed: Sequence[Assessment], base: Sequence[Assessment] = ()
+) -> dict[str, Any]:
+    """The numbers of a design by goal, and what they gained over those of the same studies in ``base``."""
+    goals = {assessment.goal.name: _of_goal(assessment) for assessment in assessed}
+    for before, more in zip(base, assessed, strict=False):
+        goals[more.goal.name] |= _gain(before, more)
+    return {**case.design.columns(), "minutes": case.design.minutes(plan.cost), "goals": goals}
+
+
+def _gain(before: Assessment, more: Assessment) -> dict[str, float]:
+    """How many more of the studies answer, which have the same truths and people."""
+    gained = (more.yes | more.no).astype(float) - (before.yes | before.no)
+    # Where no study changes, the error is that of one more which does.
+    error = np.sqrt(max(gained.var(), 1 / (len(gained) + 2)) / len(gained))
+    return {"gain": float(gained.mean()), "gain_se": float(error)}
+
+
+def _of_goal(assessment: Assessment) -> dict[str, Any]:
+    """The numbers of one design and goal; None of what it has none of."""
+    answered, is_width = assessment.answered, assessment.goal.width is not None
+    # Where all studies agree, the error is that of one more which does not.
+    least = 1 / (assessment.studies + 2)
+    return {
+        "studies": assessment.studies,
+        "answered": answered,
+        "se": assessment.se(float(np.clip(answered, least, 1 - least))),
+        "yes": float(assessment.yes.mean()),
+        "no": None if is_width else float(assessment.no.mean()),
+        "undecided": 1 - answered,
+        "misleads": None if is_width else assessment.misleads,
+        "true": None if is_width else float(assessment.true.mean()),
+        "undecided_bits": None if is_width else assessment.undecided_bits,
+        # A time that may never come has no width in some studies.
+        "width": _mean(assessment.width) if is_width else None,
+        "width_q80": _mean(np.quantile(assessment.width, [0.8])) if is_width else None,
+    }
+
+
+def _designs(content: Mapping[str, Any]) -> pd.DataFrame:
+    """A row for each design and goal: ``designs.csv``."""
+    plan = content["plan"]
+    texts = plan["questions"] | {name: number["of"] for name, number in plan.get("precision", {}).items()}
+    rows = []
+    for design in content["designs"]:
+        of_design = {name: value for name, value in design.items() if name != "goals"}
+        for name, numbers in design["goals"].items():
+            rows.append({**of_design, "goal": name, "question": texts[name], **numbers})
+    return typed(DESIGNS, table_of_rows(DESIGNS, rows))

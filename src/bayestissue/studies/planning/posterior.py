@@ -1,0 +1,244 @@
+"""Posteriors of many planned studies side by side: of the hyperparameters and effects given Gaussian sites.
+
+A study's posterior of the hyperparameters has its mode found by Newton's method, all studies in step, and is
+integrated by importance sampling from a multivariate t about it; the effects b are drawn given each point, in
+closed form. Points are Sobol's, the same of all studies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float
+from scipy.special import chdtri, ndtri, softmax
+from scipy.stats import qmc
+
+from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
+from bayestissue.model.hierarchy.gaussian.effects import SitesByCell, effects_from_standard
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.studies.planning.model import PlannedModel
+from bayestissue.studies.planning.settings import INTEGRATION as SETTINGS
+
+
+@dataclass(frozen=True, eq=False)
+class Posteriors:
+    """Weighted draws of each study's posterior.
+
+    Attributes:
+        hyperparameters: by name.
+        b: all fixed and group effects, a factor of all masses put right.
+        weight: of each draw; a study's add up to 1.
+        effective: how many draws that are equally weighted these are worth, of the points.
+        mode: of the hyperparameters' unconstrained coordinates.
+    """
+
+    hyperparameters: dict[str, Float[np.ndarray, "study draw"]]
+    b: Float[np.ndarray, "study draw location"]
+    weight: Float[np.ndarray, "study draw"]
+    effective: Float[np.ndarray, " study"]
+    mode: Float[np.ndarray, "study coordinate"]
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedSites:
+    """What the analysis is given of many studies of one arrangement.
+
+    Attributes:
+        model: of the analysis.
+        columns: X, arranged.
+        precision: of each impact's site.
+        centre: of the sites.
+        present: the impacts that a study has.
+    """
+
+    model: PlannedModel
+    columns: PopulationDesign
+    precision: Float[np.ndarray, "impact parameter parameter"]
+    centre: Float[np.ndarray, "study impact parameter"]
+    present: Bool[np.ndarray, "study impact"]
+
+
+def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]) -> Posteriors:
+    """Weighted draws of every study's posterior.
+
+    Args:
+        sites: of the studies.
+        start: where each mode is looked for, unconstrained coordinates in the order of the model's `unknown`.
+    """
+    studies, size = start.shape
+    points, repeats = (SETTINGS.points, SETTINGS.effects) if size else (1, SETTINGS.points * SETTINGS.effects)
+    columns, effects = sites.columns._replace(cell=np.zeros(0, int)), sites.model.locations.size
+    # One more number is of the factor that all masses have in common.
+    width = effects + (sites.model.common_mass_sd is not None)
+    # Of each study points of its own, that what they are wrong by averages out.
+    random = np.random.default_rng(11)
+    shift, sign = random.uniform(size=(studies, size + 1)), random.choice([-1.0, 1.0], (studies, width))
+    standard = ndtri(_sobol(width, points * repeats))
+    outcome = _integrated(
+        sites.model,
+        (columns, sites.model.locations.mean, sites.precision),
+        (
+            sites.centre,
+            sites.present,
+            # Without coordinates there is a number that nothing asks for: no batch is of nothing.
+            np.clip(start, -SETTINGS.farthest, SETTINGS.farthest) if size else np.zeros(studies),
+            _proposal_points(size, points, shift),
+            sign[:, :effects],
+        ),
+        standard[:, :effects].reshape(points, repeats, -1),
+    )
+    log_weight, values, b, mode = jax.tree.map(np.asarray, outcome)
+    weight = softmax(np.where(np.isfinite(log_weight), log_weight, -np.inf), axis=1)
+    of_mass = sign[:, -1:] * standard[:, -1]
+    return Posteriors(
+        {name: np.repeat(array, repeats, axis=1) for name, array in values.items()},
+        sites.model.at_true_masses(b.reshape(len(start), points * repeats, -1), of_mass),
+        np.repeat(weight / repeats, repeats, axis=1),
+        1 / (weight**2).sum(axis=1),
+        mode if size else start,
+    )
+
+
+def _proposal_points(
+    size: int, number: int, shift: Float[np.ndarray, "study coordinate+1"]
+) -> Float[np.ndarray, "study point coordinate"]:
+    """Points of a multivariate t about 0, of each study shifted otherwise."""
+    points = np.clip((_sobol(size + 1, number) + shift[:, None]) % 1, 1e-6, 1 - 1e-6)
+    radius = np.sqrt(SETTINGS.tails / chdtri(SETTINGS.tails, points[..., size]))
+    return ndtri(points[..., :size]) * radius[..., None]
+
+
+@lru_cache
+def _sobol(size: int, number: int) -> Float[np.ndarray, "point coordinate"]:
+    return np.clip(qmc.Sobol(size, seed=5).random(number), 1e-6, 1 - 1e-6)
+
+
+@partial(jax.jit, static_argnums=0)
+def _integrated(
+    model: PlannedModel,
+    population: tuple[PopulationDesign, Array, Array],
+    studies: tuple[Array, Array, Array, Array, Array],
+    standard: Float[Array, "point effect location"],
+) -> tuple[Array, dict[str, Array], Array, Array]:
+    """Of each study: log weights of the points, the hyperparameters, draws of b, and the mode."""
+    (columns, mean, precision), size = population, studies[3].shape[-1]
+
+    def of_study(study: tuple[Array, ...]) -> tuple[Array, dict[str, Array], Array, Array]:
+        centre, present, start, points, sign = study
+        there = present[:, None, None] * precision
+        sites = GaussianFactor(centre, jnp.zeros_like(centre), there, jnp.zeros(len(centre)))
+        by_cell = SitesByCell(columns, mean, columns.blocked(sites))
+
+        def potential(y: Array) -> Array:
+            values, log_prior = model.at(y)
+            return -by_cell.integrated(model.covariances(values))[1] - log_prior
+
+        def at(y: Array, standard: Array) -> tuple[Array, dict[str, Array], Array]:
+            values, log_prior = model.at(y)
+            effects, density = by_cell.integrated(model.covariances(values))
+            b = jax.vmap(partial(effects_from_standard, columns, effects, mean))(standard)
+            return density + log_prior, values, b
+
+        if not size:
+            return jnp.zeros(1), *jax.vmap(at)(points, sign * standard)[1:], start
+        mode, value, root = _mode(potential, start)
+        proposal = _Proposal(root, _split(potential, mode, value, root))
+        whitened = proposal.from_standard(points)
+        of_points = mode + whitened @ root.T, sign * standard
+        log_density, values, b = jax.lax.map(
+            lambda point: at(*point), of_points, batch_size=SETTINGS.points_at_once
+        )
+        return log_density - proposal.log_density(whitened), values, b, mode
+
+    return jax.lax.map(of_study, studies, batch_size=SETTINGS.studies_at_once)
+
+
+class _Proposal(NamedTuple):
+    """A mixture of two multivariate t about the mode: one with sides as long as the density's, one wide.
+
+    The wide one bounds the weights where the density is longer than it looks from its mode.
+
+    Attributes:
+        root: of the covariance; what is whitened by it is standard.
+        scale: how much longer than a normal's the two sides are along each axis.
+    """
+
+    root: Float[Array, "coordinate coordinate"]
+    scale: Float[Array, "side coordinate"]
+
+    def from_standard(self, points: Float[Array, "point coordinate"]) -> Float[Array, "point coordinate"]:
+        """Whitened draws; every fourth point is one of the wide t."""
+        wide = jnp.arange(len(points)) % SETTINGS.wide_every == 0
+        return points * jnp.where(wide[:, None], SETTINGS.wide, self._of_sides(points))
+
+    def _of_sides(self, points: Float[Array, "point coordinate"]) -> Float[Array, "point coordinate"]:
+        return jnp.where(points > 0, self.scale[0], self.scale[1])
+
+    def log_density(self, whitened: Float[Array, "point coordinate"]) -> Float[Array, " point"]:
+        """Up to a constant, which is the same of all points."""
+        size, tails, share = whitened.shape[1], SETTINGS.tails, 1 / SETTINGS.wide_every
+
+        def t(scale: Array) -> Array:
+            squares = ((whitened / scale) ** 2).sum(-1)
+            return -(tails + size) / 2 * jnp.log1p(squares / tails) - jnp.log(scale).sum(-1)
+
+        split, wide = t(self._of_sides(whitened)), t(jnp.full(size, SETTINGS.wide))
+        return jnp.logaddexp(jnp.log1p(-share) + split, wide + jnp.log(share))
+
+
+def _mode(
+    potential: Callable[[Array], Array], start: Float[Array, " coordinate"]
+) -> tuple[Float[Array, " coordinate"], Float[Array, ""], Float[Array, "coordinate coordinate"]]:
+    """Where a function is least, its value, and a root of the inverse of its curvature there.
+
+    Newton's method on differences of slopes, damped as Levenberg and Marquardt have it.
+    """
+    size, one = len(start), jnp.eye(len(start))
+    steps = jnp.concatenate([jnp.zeros((1, size)), SETTINGS.step * one])
+
+    def goes_on(state: Any) -> Array:
+        return (state[0] < SETTINGS.rounds) & (state[-1] > SETTINGS.enough)
+
+    def round_of(state: Any) -> Any:
+        number, y, value, slope, curvature, damping, trial, _ = state
+        values, slopes = jax.vmap(jax.value_and_grad(potential))(trial + steps)
+        better = values[0] <= value
+        matrix = (slopes[1:] - slopes[0]) / SETTINGS.step
+        y, value = jnp.where(better, trial, y), jnp.where(better, values[0], value)
+        slope = jnp.where(better, slopes[0], slope)
+        curvature = jnp.where(better, _positive(matrix), curvature)
+        damping = jnp.where(better, damping / 10, 10 * damping + 1.0)
+        step = -jnp.linalg.solve(curvature + damping * one, slope)
+        promised = -(step * slope).sum() / 2
+        step *= jnp.minimum(1.0, SETTINGS.longest / jnp.maximum(jnp.abs(step).max(), 1e-9))
+        return number + 1, y, value, slope, curvature, damping, y + step, promised
+
+    infinite = jnp.array(jnp.inf)
+    begin = (jnp.array(0), start, infinite, jnp.zeros(size), one, jnp.array(0.0), start, infinite)
+    _, mode, value, _, curvature, *_ = jax.lax.while_loop(goes_on, round_of, begin)
+    # Not of eigenvectors, whose signs and order jump between studies that are nearly alike.
+    return mode, value, jnp.linalg.cholesky(jnp.linalg.inv(curvature))
+
+
+def _positive(matrix: Float[Array, "coordinate coordinate"]) -> Float[Array, "coordinate coordinate"]:
+    """A curvature that is positive in every direction."""
+    curved, axes = jnp.linalg.eigh((matrix + matrix.T) / 2)
+    return (axes * jnp.maximum(curved, SETTINGS.least_curved)) @ axes.T
+
+
+def _split(
+    potential: Callable[[Array], Array], mode: Array, value: Array, root: Array
+) -> Float[Array, "side coordinate"]:
+    """How much longer than a normal's the density's two sides are along each axis (Geweke 1989)."""
+    sides, far = jnp.stack([root.T, -root.T]), jnp.array(SETTINGS.looked_at)[:, None, None]
+    points = mode + far[..., None] * sides
+    risen = jax.vmap(potential)(points.reshape(-1, len(mode))).reshape(points.shape[:-1]) - value
+    longer = (far / jnp.sqrt(2 * jnp.maximum(risen, 1e-6))).max(0)
+    return jnp.clip(jnp.nan_to_num(longer, nan=1.0), 1 / SETTINGS.most_split, SETTINGS.most_split)

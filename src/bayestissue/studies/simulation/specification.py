@@ -1,0 +1,422 @@
+"""The specification of a simulated campaign, as a TOML file says it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+import pandas as pd
+from pydantic import ConfigDict, Field, field_validator, model_validator
+
+from bayestissue.base import runtime
+from bayestissue.base.settings import Table, checked, read_toml
+from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
+from bayestissue.model.hierarchy.priors import term_of_group, term_of_slope
+from bayestissue.recordings.dataset.settings import Contact, Finite, Gravity, LowPassFilter, Place, Spread
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_NUMBERS = ("mass_kg", "velocity_m_s", "energy_J")
+_COLUMNS = ("impact", "subject", "trial", *_NUMBERS, "sampling_rate_hz", "diameter_m", "trace")
+
+
+class Condition(Table):
+    """One experimental condition; of energy, velocity and mass two are given, since E = ½MV².
+
+    Attributes:
+        trial: the name of the condition.
+        mass_kg: of the impactor.
+        velocity_m_s: at contact.
+        energy_J: at contact, E = ½MV². Two of mass, velocity and energy are given.
+        diameter_m: of the impactor, for the element hunt_crossley.
+    """
+
+    trial: Annotated[str, Field(min_length=1)]
+    mass_kg: Positive | None = None
+    velocity_m_s: Positive | None = None
+    energy_J: Positive | None = None
+    diameter_m: Positive | None = None
+
+    @model_validator(mode="after")
+    def _two_of_three(self) -> Self:
+        if sum(value is None for value in (self.mass_kg, self.velocity_m_s, self.energy_J)) != 1:
+            raise ValueError("two of mass_kg, velocity_m_s and energy_J, as the third follows from E = ½MV²")
+        return self
+
+    def mass_and_velocity(self) -> tuple[float, float]:
+        """M in kg and V in m/s."""
+        if self.mass_kg and self.velocity_m_s:
+            return self.mass_kg, self.velocity_m_s
+        energy = self.energy_J or 0.0
+        if self.mass_kg:
+            return self.mass_kg, float(np.sqrt(2 * energy / self.mass_kg))
+        velocity = self.velocity_m_s or 1.0
+        return 2 * energy / velocity**2, velocity
+
+
+class Factor(Table):
+    """A further column of the impacts, such as the side that is hit or the session.
+
+    Attributes:
+        name: the name of the column.
+        levels: their names, or how many there are.
+        every: every person in every condition at every level; else each impact at one, drawn at random, all
+            levels about equally often.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    levels: Annotated[tuple[str, ...], Field(min_length=2)]
+    every: bool = True
+
+    @field_validator("levels", mode="before")
+    @classmethod
+    def _counted(cls, levels: Any) -> Any:
+        return [str(number + 1) for number in range(levels)] if type(levels) is int else levels
+
+    @field_validator("levels")
+    @classmethod
+    def _named(cls, levels: tuple[str, ...]) -> tuple[str, ...]:
+        # In a table of impacts an empty cell is no category.
+        if not all(level.strip() for level in levels) or len(set(levels)) < len(levels):
+            raise ValueError("levels with a name each, no two alike")
+        return levels
+
+    @field_validator("name")
+    @classmethod
+    def _new(cls, name: str) -> str:
+        if name in _COLUMNS:
+            raise ValueError(f"another name than {', '.join(_COLUMNS)}")
+        return name
+
+
+class Design(Table):
+    """Who is hit how: every person in every condition, as often as ``repeats`` says.
+
+    Attributes:
+        conditions: a list of [[design.conditions]]; without it the nine conditions of the thesis's tables
+            5.10 and 5.11, with the masses printed there.
+        subjects: how many people.
+        factors: a list of [[design.factors]]: further columns, such as side or session.
+        repeats: impacts of each person in each condition.
+    """
+
+    conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
+    subjects: Annotated[int, Field(ge=1)] = 10
+    factors: tuple[Factor, ...] = ()
+    repeats: Annotated[int, Field(ge=1)] = 1
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        factors = [factor.name for factor in self.factors]
+        if len(set(factors)) < len(factors):
+            raise ValueError("a different name of each factor")
+        names = [condition.trial for condition in self.conditions or ()]
+        if len(set(names)) < len(names):
+            raise ValueError("a different name of each trial")
+        return self
+
+
+class Spreads(Table):
+    """Standard deviations of log K, log C and the logs of the element's further parameters, by name.
+
+    Attributes:
+        K: of log K.
+        C: of log C.
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    __pydantic_extra__: dict[str, Spread] = Field(init=False)
+
+    K: Spread = 0.0
+    C: Spread = 0.0
+
+
+class Tissue(Table):
+    """An element, Kelvin-Voigt unless said: a typical person's K and C, and how they vary.
+
+    K and C are at the reference mass:
+    log K = log K_N_per_m + mass_exponent_K log(M / reference_mass_kg) + subject + trial + impact effect,
+    each effect normal with the standard deviation given; the same for C.
+
+    Attributes:
+        K_N_per_m: stiffness of a typical person at the reference mass.
+        C_N_s_per_m: damping of a typical person at the reference mass.
+        reference_mass_kg: the mass that K and C are stated at.
+        mass_exponent_K: slope of log K on log mass.
+        mass_exponent_C: slope of log C on log mass.
+        sd_subject_K: standard deviation of log K between people.
+        sd_subject_C: standard deviation of log C between people.
+        sd_trial_K: standard deviation of log K between conditions.
+        sd_trial_C: standard deviation of log C between conditions.
+        sd_impact_K: standard deviation of log K between the impacts of one person in one condition.
+        sd_impact_C: standard deviation of log C between the impacts of one person in one condition.
+        sd_group: standard deviations of further group terms by their names, as in
+            [tissue.sd_group."subject:side"].
+        sd_slope: standard deviations of slopes between levels, as in
+            [tissue.sd_slope."log(mass_kg)|subject"]: of the mass exponent, or of the slope on another column,
+            taken from its mean.
+        correlation: of the effects on K with those on C.
+        element: what the impactor meets, as in a model file.
+        parameters: the element's parameters besides K and C, by name.
+        sd_impact_parameters: standard deviation of their logs between impacts.
+    """
+
+    K_N_per_m: Positive
+    C_N_s_per_m: Positive
+    reference_mass_kg: Positive = 0.7
+    mass_exponent_K: Finite = 0.0
+    mass_exponent_C: Finite = 0.0
+    sd_subject_K: Spread = 0.0
+    sd_subject_C: Spread = 0.0
+    sd_trial_K: Spread = 0.0
+    sd_trial_C: Spread = 0.0
+    sd_impact_K: Spread = 0.0
+    sd_impact_C: Spread = 0.0
+    sd_group: dict[str, Spreads] = Field(default_factory=dict)
+    sd_slope: dict[str, Spreads] = Field(default_factory=dict)
+    correlation: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    element: str = "kelvin_voigt"
+    parameters: dict[str, Positive] = Field(default_factory=dict)
+    sd_impact_parameters: Spread = 0.0
+
+    def spreads(self) -> dict[GroupTerm, Spreads]:
+        """The further group terms and their spreads."""
+        groups = {term_of_group(key): pair for key, pair in self.sd_group.items()}
+        return groups | {term_of_slope(key): pair for key, pair in self.sd_slope.items()}
+
+    @model_validator(mode="after")
+    def _check_element(self) -> Self:
+        from bayestissue.mechanics.elements import element, element_names
+
+        if self.element not in element_names():
+            raise ValueError(f"an element of {', '.join(element_names())}")
+        extra = {parameter.name for parameter in element(self.element).extra}
+        if set(self.parameters) != extra:
+            raise ValueError(f"parameters with the keys {', '.join(sorted(extra)) or 'none'}")
+        named_parameters = {name for spreads in self.spreads().values() for name, _ in spreads}
+        if strange := sorted(named_parameters - {"K", "C", *extra}):
+            allowed = ", ".join(["K", "C", *sorted(extra)])
+            raise ValueError(f"sd_group and sd_slope with the keys {allowed}, without {', '.join(strange)}")
+        return self
+
+
+class RecordedForce(Table):
+    """A force that is recorded beside the deceleration, at the same samples.
+
+    A low-pass of the decelerations is not one of the force, whose own acts before its gain and limit.
+
+    Attributes:
+        place: as of a [[channel]] of dataset.toml: impactor, or base (below the tissue).
+        tip_mass_kg: of the true mass, what lies between an impactor's sensor and the tissue.
+        noise_sd_N: standard deviation of its noise.
+        noise_relative_to_peak: the same as a fraction of the force's peak; variances add up.
+        offset_sd_N: standard deviation of its zero, another in every impact.
+        relative_gain_sd: standard deviation of its sensitivity, as a fraction of it; one for all impacts.
+        limit_N: the sensor clips beyond this, either way; left out, it does not.
+        recorder: a table [recording.force.recorder] with the keys of [recorder]: the force's own low-pass.
+            Noise enters as it says there.
+    """
+
+    place: Place = "impactor"
+    tip_mass_kg: Spread = 0.0
+    noise_sd_N: Spread = 0.0
+    noise_relative_to_peak: Spread = 0.0
+    offset_sd_N: Spread = 0.0
+    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    limit_N: Positive | None = None
+    recorder: LowPassFilter | None = None
+
+
+class RecordedDeceleration(Table):
+    """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
+
+    What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
+    samples at a phase of its own, so that contact falls anywhere within a sampling interval, unless it is
+    triggered.
+
+    Attributes:
+        sampling_rate_hz: samples in a second.
+        before_contact_s: how long before contact a recording begins.
+        contact: between samples, anywhere, or on_sample: at a sample in every recording, which then holds the
+            jump of the force.
+        after_contact_s: how long it goes on after the tissue has stopped pushing.
+        noise_sd_m_s2: standard deviation of the noise.
+        noise_relative_to_peak: the same as a fraction of the impact's peak; variances add up.
+        offset_sd_m_s2: standard deviation of the recorder's zero.
+        relative_gain_sd: standard deviation of the sensitivity, as a fraction of it.
+        velocity_sd_m_s: standard deviation of the velocity at contact about the stated one.
+        relative_mass_sd: standard deviation of the mass about the stated one, as a fraction of it, below 0.3.
+        mass_factor: what all stated masses are to be multiplied by: 1.1 makes them 10 % too small.
+        range_m_s2: the recorder clips beyond this, either way; left out, it does not.
+        bits: the range has 2 to this power steps; left out, it has none.
+    """
+
+    sampling_rate_hz: Positive = 10_000.0
+    before_contact_s: Spread = 0.01
+    contact: Contact = "between"
+    after_contact_s: Spread = 0.01
+    noise_sd_m_s2: Spread = 0.0
+    noise_relative_to_peak: Spread = 0.0
+    offset_sd_m_s2: Spread = 0.0
+    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    velocity_sd_m_s: Spread = 0.0
+    relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    mass_factor: Positive = 1.0
+    range_m_s2: Positive | None = None
+    bits: Annotated[int, Field(ge=6, le=32)] | None = None
+
+    @model_validator(mode="after")
+    def _range_of_bits(self) -> Self:
+        if self.bits is not None and self.range_m_s2 is None:
+            raise ValueError("range_m_s2 beside bits, since the steps divide the range")
+        return self
+
+
+class Recording(RecordedDeceleration):
+    """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
+
+    What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
+    samples at a phase of its own, so that contact falls anywhere within a sampling interval, unless it is
+    triggered.
+
+    Attributes:
+        force: a table [recording.force]: a force beside the deceleration.
+    """
+
+    force: RecordedForce | None = None
+
+
+def require_samples_to_filter(recorder: LowPassFilter | None, recording: RecordedDeceleration) -> None:
+    """Raise a ValueError where a digital low-pass has its corner above half of the sampling rate."""
+    most = recording.sampling_rate_hz / 2
+    if recorder and recorder.digital and recorder.low_pass_hz >= most:
+        raise ValueError(
+            f'a digital low-pass below {most:g} Hz, half of the sampling rate, or applied = "analog", '
+            f"beside its corner of {recorder.low_pass_hz:g} Hz"
+        )
+
+
+class Output(Table):
+    """The trace file.
+
+    Attributes:
+        traces: the format of the table of samples.
+        float32: values in single precision; of parquet alone.
+        decimals: decimals of the recorded m/s²; all digits unless given.
+    """
+
+    traces: Literal["csv", "csv.gz", "parquet"] = "csv.gz"
+    float32: bool = False
+    decimals: Annotated[int, Field(ge=0, le=15)] | None = None
+
+    @model_validator(mode="after")
+    def _single_precision(self) -> Self:
+        if self.float32 and self.traces != "parquet":
+            raise ValueError('traces = "parquet" beside float32, since text has no precision of its own')
+        return self
+
+
+class Phantom(Table):
+    """A spring of known stiffness, hit in every condition as people are; a linear one with a damper.
+
+    Attributes:
+        K_N_per_m: its stiffness.
+        sd_N_per_m: how well that is known: what `impacts.csv` states is drawn with this standard deviation.
+        C_N_s_per_m: its damping.
+        repeats: impacts in each condition.
+    """
+
+    K_N_per_m: Positive
+    sd_N_per_m: Positive
+    C_N_s_per_m: Positive
+    repeats: Annotated[int, Field(ge=1)] = 1
+
+
+class Simulation(Table):
+    """A whole specification.
+
+    Attributes:
+        name: of the dataset.
+        description: free text.
+        seed: same seed, same machine: same numbers.
+        design: who is hit how.
+        tissue: a typical person's K and C, and how they vary.
+        phantom: a table [phantom]: a spring of known stiffness beside the people.
+        recording: the measuring chain.
+        gravity: the part of gravity along the motion, as signal.gravity of dataset.toml: none, drop, or a
+            number of m/s². What is recorded is force over mass, 0 in free fall.
+        headform: whether the impactor stands for a head, as impactor.headform of dataset.toml.
+        recorder: a table [recorder] as in dataset.toml: a low-pass between the sensor and the file. Noise of
+            the stated size enters behind it, and with noise = "before" goes through it.
+        output: the trace file.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, le=runtime.MOST_SEED)] = 0
+    design: Design = Design()
+    tissue: Tissue
+    phantom: Phantom | None = None
+    recording: Recording = Recording()
+    gravity: Gravity = "none"
+    headform: bool = False
+    recorder: LowPassFilter | None = None
+    output: Output = Output()
+
+    @model_validator(mode="after")
+    def _has_samples_to_filter(self) -> Self:
+        force = self.recording.force
+        for recorder in (self.recorder, None if force is None else force.recorder):
+            require_samples_to_filter(recorder, self.recording)
+        return self
+
+    @model_validator(mode="after")
+    def _one_reference(self) -> Self:
+        if self.phantom and self.recording.force:
+            raise ValueError("[phantom] or [recording.force], not both: a fit can use one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _known_columns(self) -> Self:
+        known = ("subject", "trial", *(factor.name for factor in self.design.factors))
+        strange = {name for term in self.tissue.spreads() for name in term.factors if name not in known}
+        if strange:
+            raise ValueError(
+                f"tissue.sd_group and tissue.sd_slope of levels of {', '.join(known)}, without "
+                f"{', '.join(sorted(strange))}; further columns are [[design.factors]]"
+            )
+        slopes = {term.slope for term in self.tissue.spreads()} - {"", MASS_TERM, *_NUMBERS}
+        if slopes:
+            raise ValueError(
+                f"tissue.sd_slope on {', '.join((MASS_TERM, *_NUMBERS))}, without {', '.join(sorted(slopes))}"
+            )
+        return self
+
+    def conditions(self) -> pd.DataFrame:
+        """One row per condition: ``trial``, ``mass_kg``, ``velocity_m_s``."""
+        if self.design.conditions is None:
+            return published_conditions()
+        pairs = [condition.mass_and_velocity() for condition in self.design.conditions]
+        names = [condition.trial for condition in self.design.conditions]
+        table = pd.DataFrame(pairs, columns=["mass_kg", "velocity_m_s"]).assign(trial=names)
+        diameter = [condition.diameter_m for condition in self.design.conditions]
+        return table if None in diameter else table.assign(diameter_m=np.array(diameter, float))
+
+
+def published_conditions() -> pd.DataFrame:
+    """The nine conditions of the thesis (table 5.10): ``trial``, ``mass_kg``, ``velocity_m_s``."""
+    from bayestissue.recordings.dataset.published import read_published
+
+    averages = read_published().averages
+    rows = averages[averages["quantity"] == "K"].sort_values("trial")
+    names = [f"t{trial:02d}" for trial in rows["trial"]]
+    return rows[["mass_kg", "velocity_m_s"]].reset_index(drop=True).assign(trial=names)
+
+
+def read_simulation(path: Path) -> Simulation:
+    """Read and check a specification.
+
+    Raises:
+        InputError: the file can't be read, or holds keys or values that are not allowed; all are named.
+    """
+    return checked(read_toml(path), Simulation, file=str(path))
