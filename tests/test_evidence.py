@@ -29,7 +29,7 @@ from bayestissue.studies.simulation import simulate  # noqa: E402
 
 PIECES = list(registry.pieces().values())
 # What every script may use without speaking of it: where things lie, and how numbers are held.
-ANYWHERE = {"runtime", "resources", "dataset"}
+ANYWHERE = ("base/runtime.py", "base/resources.py", "recordings/dataset/")
 OTHERS = "run `make evidence-pages`, and commit what it writes"
 
 
@@ -73,8 +73,8 @@ def module(name: str) -> Path | None:
 
 
 def covered(path: Path, piece: Piece) -> bool:
-    name, within = path.relative_to(ROOT).as_posix(), path.relative_to(ROOT / "src" / "bayestissue").parts
-    if path.name == "__init__.py" or within[0].removesuffix(".py") in ANYWHERE:
+    name, within = (path.relative_to(top).as_posix() for top in (ROOT, ROOT / "src" / "bayestissue"))
+    if path.name == "__init__.py" or within.startswith(ANYWHERE):
         return True
     return any(name == part or name.startswith(f"{part.rstrip('/*')}/") for part in piece.speaks_of)
 

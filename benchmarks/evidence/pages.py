@@ -53,7 +53,7 @@ def pages() -> list[Path]:
 def sources() -> list[Path]:
     """All that people read and that may state a figure: the pages, notebooks, and the words of reports."""
     notebooks = (path for path in (ROOT / "docs").rglob("*.ipynb") if "_build" not in path.parts)
-    report = ROOT / "src" / "bayestissue" / "report"
+    report = ROOT / "src" / "bayestissue" / "reports" / "pages"
     read = [path for end in ("html", "py", "toml") for path in sorted(report.rglob(f"*.{end}"))]
     return [*pages(), *sorted(notebooks), *read]
 

@@ -15,7 +15,7 @@ BENCHMARKS = Path(__file__).resolve().parents[1]
 ROOT = BENCHMARKS.parent
 FILE = BENCHMARKS / "evidence.toml"
 # The coverage that a fit's page shows: the evidence writes it, so that it is no part that evidence rests on.
-SHOWN = ROOT / "src" / "bayestissue" / "report" / "fit" / "coverage.csv"
+SHOWN = ROOT / "src" / "bayestissue" / "reports" / "pages" / "fit" / "coverage.csv"
 
 
 @dataclass(frozen=True, eq=False)

@@ -163,7 +163,7 @@ def test_every_figure_of_the_explanations_is_one_that_their_script_makes() -> No
 def test_the_page_on_reading_a_report_has_every_part_and_answer_of_one() -> None:
     page = (DOCS / "how-to" / "read-a-report.md").read_text(encoding="utf-8")
     answers, parts = page.split("## The answers")[1].split("## The parts below")
-    template = ROOT / "src" / "bayestissue" / "report" / "templates" / "fit.html"
+    template = ROOT / "src" / "bayestissue" / "reports" / "pages" / "templates" / "fit.html"
     asked = re.findall(r'<h2 id="answer-\w+">(.*?)</h2>', template.read_text(encoding="utf-8"))
     # Of a question that names a factor, with everything in it and the factor that the page's example has.
     asked = [re.sub(r"{{.*?}}", "pad", re.sub(r"{%.*?%}", "", question)) for question in asked]

@@ -12,7 +12,11 @@ from bayestissue.inference.results.meanings import heading_words, meaning
 
 SOURCE = Path(bayestissue.__file__).parent
 # What people read: pages, tables, console and the README.
-READ = [*SOURCE.glob("report/**/*.html"), *SOURCE.glob("report/**/*.py"), *SOURCE.glob("commands/*.py")]
+READ = [
+    *SOURCE.glob("reports/pages/**/*.html"),
+    *SOURCE.glob("reports/pages/**/*.py"),
+    *SOURCE.glob("commands/*.py"),
+]
 README = SOURCE.parents[1] / "README.md"
 
 
