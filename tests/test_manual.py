@@ -16,6 +16,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import bayestissue as bt
+from bayestissue.base.remedies import entries
 from bayestissue.base.results.tables import declared_files
 from bayestissue.base.settings import _table_in
 from bayestissue.cli import app
@@ -156,6 +157,15 @@ def test_the_reference_has_every_result_file(manual):
     for name, file in FILES.items():
         assert {name, *file.columns} <= shown
     assert {path.name for path in REPORTS} <= {*FILES, "truth.toml"}
+
+
+def test_the_page_of_warnings_has_every_entry(manual):
+    page = html.unescape((manual / "how-to" / "warnings.html").read_text(encoding="utf-8"))
+    text = " ".join(re.sub(r"<[^>]*>", "", page).split())
+    for code, entry in entries().items():
+        assert f'id="explain-{code}"' in page
+        for words in (entry.title, *(heading for heading, _ in entry.parts[1:])):
+            assert words.replace("`", "") in text, code
 
 
 # The causes are the answer of an earlier version, which the page of the thesis shows.

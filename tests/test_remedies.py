@@ -7,7 +7,6 @@ import copy
 import json
 import pickle
 import re
-import runpy
 from collections.abc import Iterator
 from pathlib import Path
 from string import Formatter
@@ -207,13 +206,6 @@ def test_an_error_names_its_code_and_the_command_that_explains_it(
 def test_a_problem_without_a_code_is_none() -> None:
     with pytest.raises(TypeError, match="code"):
         Problem("file", "expected", "remedy")  # type: ignore[call-arg]
-
-
-def test_the_manual_s_page_is_written_from_the_entries() -> None:
-    tool = runpy.run_path(str(ROOT / "tools" / "warnings_page.py"))
-    told = tool["page"]()
-    assert tool["PAGE"].read_text(encoding="utf-8") == told, "run python tools/warnings_page.py"
-    assert all(f"(explain-{code})=\n" in told for code in entries())
 
 
 def test_what_does_not_go_together_is_said_once() -> None:

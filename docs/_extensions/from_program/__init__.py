@@ -1,4 +1,4 @@
-"""Pages of the reference that the program itself writes, so that they say what it does.
+"""Parts of pages that the program itself writes, so that they say what it does.
 
 A page says where: the line ``*Here `make docs` writes, from the program: commands.*`` is replaced by Markdown
 when the page is read, and tells whoever reads the page as it lies in the repository where the rest is.
@@ -11,7 +11,18 @@ from collections.abc import Callable
 
 from sphinx.application import Sphinx
 
-from from_program import commands, elements, folders, formats, functions, keys, literature, results, thesis
+from from_program import (
+    commands,
+    elements,
+    folders,
+    formats,
+    functions,
+    keys,
+    literature,
+    remedies,
+    results,
+    thesis,
+)
 
 PARTS: dict[str, Callable[[], str]] = {
     "commands": commands.commands,
@@ -31,6 +42,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "variables": results.variables,
     "functions": functions.functions,
     "folders": folders.folders,
+    "remedies": remedies.remedies,
     "published values": literature.published_values,
     "thesis exponents": thesis.exponents,
     "thesis audit": thesis.audit,
