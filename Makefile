@@ -89,7 +89,7 @@ check-code: $(READY_FOR_TESTS)
 DOCS := $(BIN)/python -m sphinx --fail-on-warning --nitpicky --keep-going --quiet
 
 docs: $(READY_FOR_DOCS)  ## the manual, in docs/_build/html
-	@echo "building the manual, half a minute or so ..."
+	@echo "building the manual, a minute or so ..."
 	@$(DOCS) docs docs/_build/html
 	@echo "open docs/_build/html/index.html"
 
@@ -117,7 +117,7 @@ evidence-check: $(READY)  ## whether the program's numbers are those on which th
 evidence-status: $(READY)  ## which evidence is of this version, and what has changed since
 	@$(EVIDENCE) status
 
-evidence-pages: $(READY)  ## write the figures into the README and the manual, before a release
+evidence-pages: $(READY)  ## write the figures into sentences of the README and the manual, before a release
 	@$(EVIDENCE) pages
 
 evidence-peers: $(READY_FOR_TESTS)  ## install the other programs that evidence of speed is measured beside

@@ -6,6 +6,7 @@ import ast
 import importlib.util
 import json
 import os
+import re
 import sys
 import threading
 from dataclasses import replace
@@ -416,8 +417,14 @@ def test_rows_are_the_same_however_they_are_written(piece, tmp_path):
 def test_a_page_prints_what_the_files_say_whatever_the_program_is(path, monkeypatch):
     text = path.read_text(encoding="utf-8")
     monkeypatch.setattr(fingerprint, "of_file", lambda path: "another program")
-    assert pages.filled_page(path, versions=False) == text, OTHERS
+    assert pages.filled_page(path) == text, OTHERS
     assert not list(pages.misplaced(text)), "a figure within a sentence can't begin a line"
+
+
+def test_every_family_of_the_evidence_stands_in_the_manual():
+    text = "".join(path.read_text(encoding="utf-8") for path in pages.pages())
+    shown = re.findall(r"(?:<!-- evidence: |^\*Here .* from benchmarks/results: )(\w+)\.", text, re.MULTILINE)
+    assert set(shown) == {*texts.FAMILIES, "evidence"}
 
 
 def test_figures_are_filled_in_containers_and_left_alone_in_examples():

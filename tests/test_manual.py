@@ -168,6 +168,14 @@ def test_the_page_of_warnings_has_every_entry(manual):
             assert words.replace("`", "") in text, code
 
 
+def test_the_evidence_has_the_tables_that_were_measured(manual):
+    asked = (ROOT / "docs" / "evidence.md").read_text(encoding="utf-8")
+    page = (manual / "evidence.html").read_text(encoding="utf-8")
+    # One is written there by hand, of what is promised.
+    assert page.count("<table") > asked.count(".table.*\n") > 0
+    assert "not measured yet" not in page
+
+
 # The causes are the answer of an earlier version, which the page of the thesis shows.
 REPORTS = [path for path in (ROOT / "docs" / "reports").glob("*/*") if path.parent.name != "causes"]
 TABLES = sorted(f"{path.parent.name}/{path.name}" for path in REPORTS if path.suffix == ".csv")

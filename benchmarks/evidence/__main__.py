@@ -27,7 +27,7 @@ def main() -> None:
     check = commands.add_parser("check", help="whether the program's numbers are those that were accepted")
     check.add_argument("sets", nargs="*", help=f"of references.csv, all unless named: {', '.join(SETS)}")
     check.add_argument("--accept", action="store_true", help="take what differs as the program's numbers now")
-    commands.add_parser("pages", help="write the figures into the README and the manual")
+    commands.add_parser("pages", help="write the figures into sentences of the README and the manual")
     commands.add_parser("figures", help="list the names of all figures, and what they are now")
     asked = parser.parse_args()
     if asked.command == "run":

@@ -1,7 +1,8 @@
 """Figures in the README and the manual: put between their marks, and looked for where they are typed.
 
-A figure within a sentence is written `<!-- evidence: NAME -->text<!-- end -->`; a table or a paragraph has
-the marks on lines of their own. What stands between them is written by `fill`.
+A figure within a sentence is written `<!-- evidence: NAME -->text<!-- end -->`; a paragraph has the marks on
+lines of its own. What stands between them is written by `fill`. Tables of the evidence page are written when the
+manual is built, by `docs/_extensions/from_program`.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from evidence.families.intervals import coverage_of_fits
 from evidence.figures import figures
 from evidence.registry import ROOT, SHOWN, content
 from evidence.status import state_of
-from evidence.summary import VERSIONS, figure
+from evidence.summary import figure
 from evidence.texts import Figure
 
 MARKED = re.compile(
@@ -85,38 +86,31 @@ def fill() -> list[str]:
     return changed
 
 
-def filled_page(path: Path, *, versions: bool = True) -> str:
-    """A page's text with its figures as the result files have them; the README has measured ones alone.
-
-    Args:
-        path: of the page.
-        versions: whether to say anew which figures are of the program's version, which follows from its code.
-    """
-    return filled(path.read_text(encoding="utf-8"), measured=path == ROOT / "README.md", versions=versions)
+def filled_page(path: Path) -> str:
+    """A page's text with its figures as the result files have them; the README has measured ones alone."""
+    return filled(path.read_text(encoding="utf-8"), measured=path == ROOT / "README.md")
 
 
-def filled(text: str, *, measured: bool = False, versions: bool = True) -> str:
+def filled(text: str, *, measured: bool = False) -> str:
     """A text with its figures, none in place of those that are not ``measured`` if they alone are wanted."""
-    with_text = partial(_with_text, measured=measured, versions=versions)
+    with_text = partial(_with_text, measured=measured)
     return "".join(part if fenced else MARKED.sub(with_text, part) for part, fenced in _parts(text))
 
 
-def _with_text(mark: re.Match[str], *, measured: bool, versions: bool) -> str:
+def _with_text(mark: re.Match[str], *, measured: bool) -> str:
     name, begin = mark["name"], f"{mark['indent'] or ''}<!-- evidence: {mark['name']} -->"
-    if name == VERSIONS and not versions:
-        return mark[0]
     content = figure(name)
     if measured and not content.pieces:
         return f"{begin}<!-- end -->"
     if "\n" in mark["text"] or content.block:
         indent = mark["indent"] or ""
-        text = textwrap.indent(_paragraph(content), indent)
+        text = textwrap.indent(paragraph(content), indent)
         return f"{begin}\n\n{text}\n\n{indent}<!-- end -->"
     return f"{begin}{content.text}<!-- end -->"
 
 
-def _paragraph(made: Figure) -> str:
-    """A sentence of its own where the figure is a part of one."""
+def paragraph(made: Figure) -> str:
+    """A figure on lines of its own: a table as it is, a part of a sentence as a sentence."""
     return made.text if made.block else f"{made.text[0].upper()}{made.text[1:]}."
 
 

@@ -14,8 +14,6 @@ from evidence.texts import Figure, table
 
 NOT_MEASURED = "not measured yet"
 _MINUTE, _HOUR = 60, 3600
-# The one text that depends on the program as it is: which figures are of its version.
-VERSIONS = "evidence.versions"
 
 
 def figure(name: str) -> Figure:
@@ -28,7 +26,7 @@ def figure(name: str) -> Figure:
     family = name.partition(".")[0]
     if name == "evidence.provenance":
         return Figure(_provenance(), (), block=True)
-    if name == VERSIONS:
+    if name == "evidence.versions":
         return Figure(_versions(), (), block=True)
     if family not in content()["pieces"]:
         raise KeyError(f"{name}: evidence.toml has no pieces {family!r}")
@@ -68,7 +66,7 @@ def _versions() -> str:
             earlier.append(f"`{piece.name}` ({_commit(read(piece) or {})})")
         elif state.kind != "fresh":
             open_.append(f"`{piece.name}` ({state.why})")
-    written = f"These pages were written at commit {head()}. "
+    written = f"The manual was built at commit {head()}. "
     if not earlier and not open_:
         return f"{written}All figures were of that version."
     said = [f"Measured on an earlier version, at the commit given: {', '.join(earlier)}."] if earlier else []

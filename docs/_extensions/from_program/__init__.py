@@ -1,7 +1,8 @@
-"""Parts of pages that the program itself writes, so that they say what it does.
+"""Parts of pages that the program and its measurements write, so that they say what it does.
 
 A page says where: the line ``*Here `make docs` writes, from the program: commands.*`` is replaced by Markdown
-when the page is read, and tells whoever reads the page as it lies in the repository where the rest is.
+when the page is read, and tells whoever reads the page as it lies in the repository where the rest is. What was
+measured is named by its figure: ``*Here `make docs` writes, from benchmarks/results: exactness.table.*``.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from from_program import (
     functions,
     keys,
     literature,
+    measured,
     remedies,
     results,
     thesis,
@@ -49,12 +51,16 @@ PARTS: dict[str, Callable[[], str]] = {
     "thesis recomputed": thesis.recomputed,
     "thesis causes": thesis.causes,
 }
-MARK = re.compile(r"^\*Here `make docs` writes, from the program: (.+)\.\*$", flags=re.MULTILINE)
+SOURCES: dict[str, Callable[[str], str]] = {
+    "the program": lambda name: PARTS[name](),
+    "benchmarks/results": measured.figure,
+}
+MARK = re.compile(rf"^\*Here `make docs` writes, from ({'|'.join(SOURCES)}): (.+)\.\*$", flags=re.MULTILINE)
 
 
 def fill(app: Sphinx, page: str, source: list[str]) -> None:
-    """Replace every mark of a page; a part that there is not raises a KeyError."""
-    source[0] = MARK.sub(lambda mark: PARTS[mark[1]](), source[0])
+    """Replace every mark of a page; a part or a figure that there is not raises a KeyError."""
+    source[0] = MARK.sub(lambda mark: SOURCES[mark[1]](mark[2]), source[0])
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
