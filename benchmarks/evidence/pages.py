@@ -1,8 +1,8 @@
 """Figures in the README and the manual: put between their marks, and looked for where they are typed.
 
 A figure within a sentence is written `<!-- evidence: NAME -->text<!-- end -->`; a paragraph has the marks on
-lines of its own. What stands between them is written by `fill`. Tables of the evidence page are written when the
-manual is built, by `docs/_extensions/from_program`.
+lines of its own. What stands between them is written by `fill`. Tables of the evidence page are written when
+the manual is built, by `docs/_extensions/from_program`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Parts of pages that the program and its measurements write, so that they say what it does.
 
 A page says where: the line ``*Here `make docs` writes, from the program: commands.*`` is replaced by Markdown
-when the page is read, and tells whoever reads the page as it lies in the repository where the rest is. What was
-measured is named by its figure: ``*Here `make docs` writes, from benchmarks/results: exactness.table.*``.
+when the page is read, and tells whoever reads the page as it lies in the repository where the rest is. What
+was measured is named by its figure: ``*Here `make docs` writes, from benchmarks/results: exactness.table.*``.
 """
 
 from __future__ import annotations
