@@ -38,7 +38,13 @@ velocity_m_s = 1.5
 def drops() -> list[tuple[str, str]]:
     """Names and contents of enough files."""
     from bayestissue.studies.simulation.campaign import simulate
-    from bayestissue.studies.simulation.specification import Condition, Design, Recording, Simulation, Tissue
+    from bayestissue.studies.simulation.specification import (
+        Condition,
+        Recording,
+        Simulation,
+        StudyDesign,
+        Tissue,
+    )
 
     repeats = -(-(AT[-1] + ABOUT + 1) // (PEOPLE * len(MASSES)))
     spec = Simulation(
@@ -52,7 +58,7 @@ def drops() -> list[tuple[str, str]]:
             sd_impact_C=0.05,
         ),
         recording=Recording(noise_relative_to_peak=0.005, velocity_sd_m_s=0.01),
-        design=Design(
+        design=StudyDesign(
             conditions=tuple(Condition(trial=f"t{m}", mass_kg=m, velocity_m_s=1.5) for m in MASSES),
             subjects=PEOPLE,
             repeats=repeats,

@@ -44,7 +44,7 @@ from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal, planner
 from bayestissue.studies.planning.information import simulation_of
 from bayestissue.studies.planning.model import planned_model
-from bayestissue.studies.planning.population import BLOCK, Beliefs, Pilot, Population, Streams
+from bayestissue.studies.planning.population import BLOCK, Beliefs, Pilot, PlannedPopulation, Streams
 from bayestissue.studies.planning.posterior import PlannedSites, posteriors
 from bayestissue.studies.planning.running import Running, RunningPrior, running_study
 from bayestissue.studies.planning.specification import read_plan
@@ -61,7 +61,7 @@ PLAN = read_plan(ROOT / "models" / "plan-thesis.toml")
 (QUESTION,) = PLAN.questions.values()
 CONDITIONS = PLAN.candidates.conditions
 SURE = PLAN.goal.probability
-BELIEFS = PLAN.population.model_copy(update={"mass_exponent": Population().mass_exponent})
+BELIEFS = PLAN.population.model_copy(update={"mass_exponent": PlannedPopulation().mass_exponent})
 # Draws of a posterior that is computed as often as planned ones, each time by points of its own: so that what
 # is compiled for these serves it.
 DRAWS = 4000

@@ -37,7 +37,7 @@ from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal, planner
 from bayestissue.studies.planning.information import simulation_of
 from bayestissue.studies.planning.model import planned_model
-from bayestissue.studies.planning.population import BLOCK, Beliefs, Population, Streams
+from bayestissue.studies.planning.population import BLOCK, Beliefs, PlannedPopulation, Streams
 from bayestissue.studies.simulation import Simulation, simulate
 from bayestissue.studies.simulation.specification import Recording
 
@@ -125,9 +125,9 @@ def specification_of_case(case: dict[str, Any]) -> ModelSpecification:
     return specification_of(content, "plan")
 
 
-def population_of(case: dict[str, Any]) -> Population:
+def population_of(case: dict[str, Any]) -> PlannedPopulation:
     """What is believed of the tissue."""
-    return Population.model_validate(BELIEFS | case.get("beliefs", {}))
+    return PlannedPopulation.model_validate(BELIEFS | case.get("beliefs", {}))
 
 
 def campaign(case: dict[str, Any], study: int) -> Simulation:

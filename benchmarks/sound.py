@@ -12,7 +12,7 @@ from jaxtyping import Float
 from bayestissue.recordings.dataset import Dataset, Trace
 from bayestissue.recordings.dataset.settings import Quantity, Settings, SignalSettings
 from bayestissue.studies.simulation.campaign import leaves, simulate
-from bayestissue.studies.simulation.specification import Condition, Design, Recording, Simulation, Tissue
+from bayestissue.studies.simulation.specification import Condition, Recording, Simulation, StudyDesign, Tissue
 
 FINE_HZ = 20_000.0
 REST_S = 0.04
@@ -111,7 +111,7 @@ def _of_element(element: str, count: int, rng: np.random.Generator, seed: int) -
         Simulation(
             name=element,
             seed=seed,
-            design=Design(conditions=conditions, subjects=1),
+            design=StudyDesign(conditions=conditions, subjects=1),
             tissue=Tissue.model_validate(tissue),
             recording=Recording.model_validate(recording),
         )

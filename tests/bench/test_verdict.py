@@ -9,7 +9,7 @@ from bayestissue.base.errors import Coded
 from bayestissue.base.remedies import entries
 from bayestissue.studies.bench.drops import Drop
 from bayestissue.studies.bench.following import Stamp
-from bayestissue.studies.bench.study import Study
+from bayestissue.studies.bench.study import GrowingStudy
 from bayestissue.studies.bench.verdict import _SPOILT, verdict
 
 
@@ -55,7 +55,7 @@ def fallen(number: int, mass_kg: float, K: float, C: float = 30.0, subject: str 
 def unlike(drops: list[Drop]) -> list[str]:
     """What is said of each, given all before it."""
     return [
-        Study.unlike(drop.cells, {"centre": drop.centre, "precision": drop.precision}, drops[:n])
+        GrowingStudy.unlike(drop.cells, {"centre": drop.centre, "precision": drop.precision}, drops[:n])
         for n, drop in enumerate(drops)
     ]
 

@@ -66,7 +66,7 @@ def test_the_page_is_drawn_anew_from_the_folder(certificate: Path) -> None:
 
 
 def test_finished_refits_are_read_and_change_nothing(run: Path, certificate: Path, tmp_path: Path) -> None:
-    study = certifying.Study.of_run(run)
+    study = certifying.CertifiedFit.of_run(run)
     ranks = read_table(certificate, "ranks")
     rows = ranks[ranks["refit"] <= 2]
     for number, of_refit in rows.groupby("refit"):
@@ -102,7 +102,7 @@ def test_posteriors_that_are_too_narrow_are_found(run: Path, monkeypatch: pytest
 
 
 def test_drawn_impacts_scatter_as_the_model_says(run: Path) -> None:
-    study = certifying.Study.of_run(run)
+    study = certifying.CertifiedFit.of_run(run)
     sampler = study.fit.specification.sampler
     chains = next(certifying.chain_draws(study.prepared, study.end, sampler, 1))
     truth: Truth = truths(chains, 1)[0]

@@ -69,7 +69,7 @@ def test_products_are_those_under_the_inverse_covariance(recorder, white):
 
     @jax.jit
     @jax.vmap
-    def products(one: noise.Noise, parts: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def products(one: noise.TraceNoise, parts: jax.Array) -> tuple[jax.Array, jax.Array]:
         white = one.whitened(parts)
         return white @ white.T, one.log_determinant()
 
@@ -91,8 +91,10 @@ def test_products_are_those_under_the_inverse_covariance(recorder, white):
 
 
 def innovations(colour: Colour, rate: jax.Array, left: np.ndarray) -> jax.Array:
-    whole_rows = noise.Noise.of(jnp.ones(left.shape, bool), colour._replace(stride_marks=jnp.zeros(1)), rate)
-    return jax.vmap(noise.Noise.whitened)(whole_rows, jnp.asarray(left))
+    whole_rows = noise.TraceNoise.of(
+        jnp.ones(left.shape, bool), colour._replace(stride_marks=jnp.zeros(1)), rate
+    )
+    return jax.vmap(noise.TraceNoise.whitened)(whole_rows, jnp.asarray(left))
 
 
 def test_the_work_goes_with_the_number_of_samples():

@@ -322,7 +322,7 @@ def versions() -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Start:
+class CommandStart:
     """The moment at which a command began."""
 
     time: datetime = field(default_factory=lambda: datetime.now(UTC))

@@ -198,9 +198,9 @@ def certify(
         refits: Studies that are drawn and fitted. Twenty show gross faults, a hundred finer ones.
         dataset: The recordings that were fitted, where they are no longer where the run says.
     """
-    from bayestissue.studies.certificate.certificate import Study, certificate_of
+    from bayestissue.studies.certificate.certificate import CertifiedFit, certificate_of
 
-    study = Study.of_run(run, dataset)
+    study = CertifiedFit.of_run(run, dataset)
     return certificate_of(study, refits, seed, call.say, parts=call.parts(study.job(refits, seed)))
 
 

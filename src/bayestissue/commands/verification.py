@@ -51,7 +51,7 @@ def selftest(
     from bayestissue.studies.selftest.checks import as_markdown, machine, verdict
     from bayestissue.studies.selftest.plan import self_test
 
-    start, work = runtime.Start(), call.parts("selftest")
+    start, work = runtime.CommandStart(), call.parts("selftest")
     # Nothing of a test that was ended counts.
     shutil.rmtree(work)
     work.mkdir()
@@ -101,7 +101,7 @@ def reproduce(
     from bayestissue.thesis.reanalysis.observations import published_design, published_observations
     from bayestissue.thesis.reproduction import reproduce_published
 
-    start, say = runtime.Start(), call.say
+    start, say = runtime.CommandStart(), call.say
     file = resources.model_file(
         "published" if model is None else model,
         lambda content: content.get("likelihood") == "published-estimates",

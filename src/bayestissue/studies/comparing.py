@@ -76,7 +76,7 @@ def compare(*runs: Fit | str | Path, ask: str | Sequence[str] = ()) -> Compariso
         >>> compared = bt.compare("runs/impact", "runs/maxwell", ask="peak_force[mass_kg=5, velocity_m_s=2]")
         >>> compared.comparison[["scheme", "model", "elpd_difference", "weight"]]
     """
-    start = runtime.Start()
+    start = runtime.CommandStart()
     if len(runs) < 2:
         named = ", ".join(map(str, runs)) or "none"
         raise InputError(_unfit("compare", "at least two folders", _AGAIN, value=named))

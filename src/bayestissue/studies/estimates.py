@@ -17,7 +17,7 @@ from bayestissue.base.remedies import codes_in
 from bayestissue.base.result import Result
 from bayestissue.base.results import read_tables
 from bayestissue.base.results.tables import declared_files, table_of_rows, typed
-from bayestissue.base.runtime import Start, in_float64, run_record
+from bayestissue.base.runtime import CommandStart, in_float64, run_record
 from bayestissue.inference.points.notes import PHANTOM, people_alone, said_once
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, UNITS
 from bayestissue.inference.single import estimates
@@ -33,7 +33,7 @@ from bayestissue.reports.pages.tables import Field, Table, number_field, setting
 from bayestissue.reports.pages.wording import SENTENCES, digits, interval, listed, nouns_of, significant
 from bayestissue.reports.pages.wording import number as in_words
 from bayestissue.studies.simulation import simulate
-from bayestissue.studies.simulation.specification import Condition, Design, Recording, Simulation, Tissue
+from bayestissue.studies.simulation.specification import Condition, Recording, Simulation, StudyDesign, Tissue
 
 if TYPE_CHECKING:
     from bayestissue.recordings.dataset import Dataset
@@ -154,7 +154,7 @@ def estimate(
             times.
         ValueError: there is no such method.
     """
-    start, data = Start(), as_dataset(dataset)
+    start, data = CommandStart(), as_dataset(dataset)
     table = Estimates(estimates.estimate(data, method=method, options=options, say=say))
     table.dataset, table.method, table.options, table.file = data, method, options or SignalOptions(), None
     table.clock = start.time, start.seconds
@@ -170,7 +170,7 @@ def centring_table() -> pd.DataFrame:
     conditions = tuple(Condition(trial=f"{mass:g} kg", mass_kg=mass, velocity_m_s=1.5) for mass in MASSES_KG)
     simulation = Simulation(
         name="one tissue",
-        design=Design(conditions=conditions, subjects=1),
+        design=StudyDesign(conditions=conditions, subjects=1),
         tissue=Tissue(K_N_per_m=_K, C_N_s_per_m=_C),
         recording=Recording(sampling_rate_hz=10_000.0),
     )

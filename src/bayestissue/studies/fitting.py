@@ -372,7 +372,7 @@ class FitJob:
         Chains go on from those of an ``earlier`` run of the same; if that was a second fit, so is this one.
         float64 must be set.
         """
-        start = runtime.Start()
+        start = runtime.CommandStart()
         say("summarising each trace", 0, 1)
         plain = self._without_discrepancy()
         expansions = expanded(plain)
@@ -416,7 +416,7 @@ class FitJob:
     def _first_or_second(self, expansions: GaussianFactor) -> tuple[FitJob, TraceAnalysis]:
         """The fit as the model file has it, or another that it leads to, with its model; see `fit`."""
         end, form, told = self.earlier or EarlierRun(None, {}, {})
-        begun, took = runtime.Start(), ""
+        begun, took = runtime.CommandStart(), ""
         alone, may_add = not self.prepared.model.discrepancy, self.specification.may_add_discrepancy
         if self.earlier is None and may_add and alone:
             form = model_form.misfit_precheck(self.prepared, expansions, self.seed) or {}

@@ -17,7 +17,14 @@ from bayestissue.thesis.audit.estimates import (
     mass_exponent,
     peak,
 )
-from bayestissue.thesis.audit.findings import COLUMNS, SEVERITIES, Finding, Impacts, as_table, findings
+from bayestissue.thesis.audit.findings import (
+    COLUMNS,
+    SEVERITIES,
+    AuditedImpacts,
+    Inconsistency,
+    as_table,
+    findings,
+)
 from bayestissue.thesis.audit.people import agreement, damping_without_bounds, people_not_told_apart
 
 PEOPLE, CONDITIONS = 10, 9
@@ -43,9 +50,9 @@ def made_up_table(seed: int = 1) -> pd.DataFrame:
     return frame.assign(mass_kg=2 * frame["energy_J"] / frame["velocity_m_s"] ** 2)
 
 
-def impacts_of(frame: pd.DataFrame, *, tissue_m: float = 0.05, digits: int = 12) -> Impacts:
+def impacts_of(frame: pd.DataFrame, *, tissue_m: float = 0.05, digits: int = 12) -> AuditedImpacts:
     conditions = frame.groupby("trial")[["energy_J", "velocity_m_s", "mass_kg"]].mean()
-    return Impacts(frame, conditions, tissue_m, digits)
+    return AuditedImpacts(frame, conditions, tissue_m, digits)
 
 
 def names_of(frame: pd.DataFrame, **options: float) -> set[str]:
@@ -54,7 +61,7 @@ def names_of(frame: pd.DataFrame, **options: float) -> set[str]:
     return {check.__name__ for check in CHECKS_OF_IMPACTS if list(check(impacts))}
 
 
-def found_by(check, frame: pd.DataFrame) -> Finding:
+def found_by(check, frame: pd.DataFrame) -> Inconsistency:
     (found,) = findings([check], impacts_of(frame))
     return found
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bayestissue.recordings.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.agreement import Line
+from bayestissue.thesis.reproduction.agreement import PublishedNumber
 from bayestissue.thesis.reproduction.claims import Evidence, claim_lines
 from bayestissue.thesis.reproduction.conditions import QUANTITIES, Quantity
 
 
 @pytest.fixture(scope="module")
-def lines(published: PublishedTables) -> dict[int, Line]:
+def lines(published: PublishedTables) -> dict[int, PublishedNumber]:
     return {line.row: line for line in claim_lines(published)}
 
 
@@ -50,7 +50,7 @@ def test_statistics_of_the_averages(
         assert abs(found.value - truth) <= found.rounding + 1e-12
 
 
-def test_every_claim_is_answered(published: PublishedTables, lines: dict[int, Line]) -> None:
+def test_every_claim_is_answered(published: PublishedTables, lines: dict[int, PublishedNumber]) -> None:
     assert sorted(lines) == list(published.claims["claim"])
     assert all(line.reproduced or line.note for line in lines.values())
     assert all(line.agrees or line.note for line in lines.values())
@@ -76,7 +76,9 @@ def test_every_claim_is_answered(published: PublishedTables, lines: dict[int, Li
         (56, "", None, "never tabulated"),
     ],
 )
-def test_claims(lines: dict[int, Line], claim: int, reproduced: str, agreed: bool | None, note: str) -> None:
+def test_claims(
+    lines: dict[int, PublishedNumber], claim: int, reproduced: str, agreed: bool | None, note: str
+) -> None:
     assert (lines[claim].reproduced, lines[claim].agrees) == (reproduced, agreed)
     assert note in lines[claim].note
 

@@ -34,7 +34,7 @@ def r_hat_limit(quantities: int, chains: int, draws: int, *, least: float = R_HA
     return max(least, float(np.sqrt((length - 1 + ratio) / length)))
 
 
-class Verdict(NamedTuple):
+class LookVerdict(NamedTuple):
     """What one look at the draws says.
 
     Attributes:
@@ -53,7 +53,7 @@ class Verdict(NamedTuple):
     limit: float
 
 
-def look(population: Draws, impacts: Draws, effective: float) -> Verdict:
+def look(population: Draws, impacts: Draws, effective: float) -> LookVerdict:
     """Whether draws are enough: of the population. An impact's own end no run, see `let_pass`.
 
     Args:
@@ -70,7 +70,7 @@ def look(population: Draws, impacts: Draws, effective: float) -> Verdict:
     agree = (of_population.r_hat < limit).all() and let_pass(of_impacts.r_hat, of_draws).all()
     least = np.concatenate([_least(of_population), _least(of_impacts) / share])
     of_all = least[: len(population)].min()
-    return Verdict(
+    return LookVerdict(
         bool(agree and of_all > _MORE * effective),
         float(of_population.r_hat.max()),
         float(of_all),

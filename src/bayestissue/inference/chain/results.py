@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.inference.chain.ending import Verdict
+from bayestissue.inference.chain.ending import LookVerdict
 from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.run import read_arrays, write_arrays
 from bayestissue.inference.execution.compiling import by_row
@@ -89,7 +89,7 @@ class ChainDraws:
     end: ChainEnd
     segments: int
     segment: int
-    verdict: Verdict
+    verdict: LookVerdict
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from jax import Array
 
 from bayestissue.base import runtime
 from bayestissue.base.results import whole_file
-from bayestissue.inference.chain.ending import Verdict, look
+from bayestissue.inference.chain.ending import LookVerdict, look
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.samplers.convergence import Draws, convergence
 from bayestissue.model.hierarchy.specification import Sampler
@@ -135,7 +135,7 @@ class Sampled(NamedTuple):
     path: Any
     rates: Any
     segments: int
-    verdict: Verdict
+    verdict: LookVerdict
 
 
 def sampled(

@@ -69,7 +69,7 @@ def _covariance(draws: Float[np.ndarray, "draw *batch one"]) -> Float[np.ndarray
     return np.einsum("d...a,d...b->...ab", deviation, deviation) / len(draws)
 
 
-class Start(NamedTuple):
+class ChainStart(NamedTuple):
     """Where chains begin, and with what.
 
     Attributes:
@@ -83,7 +83,7 @@ class Start(NamedTuple):
     tuning: Tuning
 
 
-def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Generator) -> Start:
+def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Generator) -> ChainStart:
     """Chains at the best explanation of each impact, another one in each chain where there are several.
 
     Args:
@@ -107,7 +107,7 @@ def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Gen
     walks = np.full(impacts, _WALK), np.full(impacts, _WALKS)
     steps = Steps(*walks, length, length, np.full(levels, _WALK))  # type: ignore[arg-type]
     of_level = np.broadcast_to(_ROOT * np.eye(inner), (levels, inner, inner))
-    return Start(states, [steps] * chains, Tuning(sites, near, of_impact, of_level))
+    return ChainStart(states, [steps] * chains, Tuning(sites, near, of_impact, of_level))
 
 
 def _per_inertia(

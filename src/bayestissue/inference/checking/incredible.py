@@ -85,7 +85,7 @@ def _shifted(
 
 
 @dataclass(frozen=True)
-class Pattern:
+class ErrorPattern:
     """The simplest account of incredible errors.
 
     Attributes:
@@ -105,7 +105,7 @@ def pattern_of(
     unit: Float[np.ndarray, " impact"],
     groups: Groups,
     rate: float = RATE,
-) -> Pattern | None:
+) -> ErrorPattern | None:
     """What impacts' errors have in common, if they are incredible: None if they are not.
 
     One factor of all impacts is the simplest, then one of each of some groups, which after it is taken off
@@ -130,7 +130,7 @@ def pattern_of(
         concerned = chosen[codes]
         left = error - np.where(concerned, factor[codes] * unit, 0.0)
         if concerned.any() and not alarms(left / sd, groups, rate).any:
-            return Pattern(kind, concerned, common=True)
+            return ErrorPattern(kind, concerned, common=True)
     if alarmed.single.any():
-        return Pattern(IMPACT, alarmed.single, common=False)
-    return Pattern(ALL, np.ones(len(error), bool), common=False)
+        return ErrorPattern(IMPACT, alarmed.single, common=False)
+    return ErrorPattern(ALL, np.ones(len(error), bool), common=False)

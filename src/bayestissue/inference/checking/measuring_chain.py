@@ -31,7 +31,7 @@ from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking import incredible
 from bayestissue.inference.checking.findings import ALL_ROWS, Finding
-from bayestissue.inference.checking.incredible import Groups, Pattern
+from bayestissue.inference.checking.incredible import ErrorPattern, Groups
 from bayestissue.inference.checking.model_form import LIMIT, judged_at
 from bayestissue.inference.execution.compiling import by_row, padded
 from bayestissue.inference.execution.kept import some_impacts, some_of
@@ -114,7 +114,7 @@ def judge(prepared: Prepared, expansions: GaussianFactor | None = None) -> dict[
         where displacements are measured from their own mean, which makes K and C wrong by itself.
         Else ``passed`` and ``of`` how many impacts. If it is not true: ``error``, which the traces
         contradict; ``alike``, others that explain them as well or nearly, and their size; the ``kind`` of
-        `Pattern`, whether one factor is ``common``, and the names of ``groups`` and ``impacts``;
+        `ErrorPattern`, whether one factor is ``common``, and the names of ``groups`` and ``impacts``;
         ``relative``, to the velocity, the mean deceleration or the time to peak (median there, and
         ``greatest``); ``declared_sds``, how many of them that is (median; None where none was declared);
         ``change_K`` and ``change_C``, with the error as the traces have it, over as declared, less 1
@@ -144,7 +144,7 @@ def _groups(prepared: Prepared) -> Groups:
     return {kind: pd.factorize(table[kind].astype(str))[0] for kind in _GROUPS}
 
 
-def _pattern(freed_error: Freed, groups: Groups) -> Pattern | None:
+def _pattern(freed_error: Freed, groups: Groups) -> ErrorPattern | None:
     rate = incredible.RATE / len(JUDGED)
     # An error without a z has no weight either.
     sd = np.abs(freed_error.error) / np.maximum(np.abs(freed_error.z), 1e-6)
@@ -232,7 +232,7 @@ def _account(
     groups: Groups,
     expansions: GaussianFactor,
     errors: dict[str, Freed],
-    patterns: dict[str, Pattern | None],
+    patterns: dict[str, ErrorPattern | None],
 ) -> dict[str, Any]:
     """Which error explains best what the traces contradict, and what it does."""
     contact = freed(prepared, CONTACT, expansions)

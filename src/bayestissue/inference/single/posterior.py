@@ -75,7 +75,7 @@ class Marginal(NamedTuple):
     high: Float[np.ndarray, " impact"]
 
 
-class Outcome(NamedTuple):
+class OutcomePosterior(NamedTuple):
     """The posterior of what each impact came to, which may be infinite.
 
     Attributes:
@@ -117,7 +117,7 @@ class SinglePosteriors(NamedTuple):
     omega_n: Marginal
     zeta: Marginal
     sigma: Marginal
-    outcomes: dict[str, Outcome]
+    outcomes: dict[str, OutcomePosterior]
     parameters: Float[np.ndarray, "impact parameter"]
     residuals: Float[np.ndarray, "impact sample"] | None
     noise_p: Float[np.ndarray, " impact"] | None
@@ -358,7 +358,7 @@ def _outcomes(
     u: Float[np.ndarray, "point impact parameter"],
     mass_error: Float[np.ndarray, "point impact"],
     weight: Float[np.ndarray, "point impact"],
-) -> dict[str, Outcome]:
+) -> dict[str, OutcomePosterior]:
     """What the impacts came to, at points drawn by their weights and with draws of the chain's errors."""
     # In a random order: every so many of points that fill the space evenly lie in one part of it.
     order = np.random.default_rng(20).permutation(len(u))
@@ -373,9 +373,9 @@ def _outcomes(
     return {name: _of_draws(np.concatenate([one[name] for one in draws], axis=1)) for name in draws[0]}
 
 
-def _of_draws(values: Float[np.ndarray, "draw impact"]) -> Outcome:
+def _of_draws(values: Float[np.ndarray, "draw impact"]) -> OutcomePosterior:
     low, median, high = quantiles(values.T, [0.05, 0.5, 0.95])
-    return Outcome(median, low, high, np.isinf(values).mean(axis=0))
+    return OutcomePosterior(median, low, high, np.isinf(values).mean(axis=0))
 
 
 def _marginal(

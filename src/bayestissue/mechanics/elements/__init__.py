@@ -1,14 +1,14 @@
 """What an impactor may meet: arrangements of spring and damper, one file each, and their impacts."""
 
 from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M, Element, Outcomes, Parameter
-from bayestissue.mechanics.elements.impact import Impact, impact
+from bayestissue.mechanics.elements.impact import ImpactorPath, impact
 from bayestissue.mechanics.elements.outcomes import outcomes
 from bayestissue.mechanics.elements.registry import element, element_names
 
 __all__ = [
     "REFERENCE_DIAMETER_M",
     "Element",
-    "Impact",
+    "ImpactorPath",
     "Outcomes",
     "Parameter",
     "element",

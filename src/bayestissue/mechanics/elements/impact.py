@@ -30,7 +30,7 @@ _BISECTIONS = 20
 Quantity = Callable[[Array], Array]
 
 
-class Impact(NamedTuple):
+class ImpactorPath(NamedTuple):
     """The impactor's path, and when it was deepest and when it left.
 
     Attributes:
@@ -59,7 +59,7 @@ def impact(
     *,
     diameter: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
-) -> Impact:
+) -> ImpactorPath:
     """Simulate impacts, from flight before contact to flight after it.
 
     Linear elements by matrix exponentials, others by `bayestissue.mechanics.elements.solver` to about 1e-7 of
@@ -84,7 +84,7 @@ def impact(
 
 
 @partial(jax.jit, static_argnames="element")
-def _impact(element: Element, p: dict[str, Array], mass: Array, velocity: Array, time: Array) -> Impact:
+def _impact(element: Element, p: dict[str, Array], mass: Array, velocity: Array, time: Array) -> ImpactorPath:
     path = Path.solved(Collision(element, p, mass, velocity), time.max(-1))
     columns = path.collision.columns()
     since = jnp.clip(time, 0.0, jnp.minimum(path.leaves, path.duration)[:, None])
@@ -95,7 +95,7 @@ def _impact(element: Element, p: dict[str, Array], mass: Array, velocity: Array,
     # At contact, where tissue is taken along, the velocity is another before than after.
     flies = jnp.where(time < 0, velocity[:, None], y[1])
     x, v = y[0] + flies * flight + fall * flight**2 / 2, flies + fall * flight
-    return Impact(x, v, jnp.where(inside, d, 0.0), path.time_to_peak, path.leaves)
+    return ImpactorPath(x, v, jnp.where(inside, d, 0.0), path.time_to_peak, path.leaves)
 
 
 def prepared(

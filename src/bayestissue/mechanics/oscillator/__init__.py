@@ -9,7 +9,7 @@ from bayestissue.mechanics.oscillator.discrete import (
     to_discrete,
 )
 from bayestissue.mechanics.oscillator.impact import (
-    Motion,
+    ContactPath,
     contact_duration,
     impact_motion,
     peak_deceleration,
@@ -22,8 +22,8 @@ from bayestissue.mechanics.oscillator.impact import (
 )
 
 __all__ = [
+    "ContactPath",
     "Differences",
-    "Motion",
     "arccos_branch",
     "contact_duration",
     "from_differences",

@@ -12,7 +12,7 @@ from jax.typing import ArrayLike
 from bayestissue.mechanics.oscillator.entire import arc_chord, damped_pair, sinc_root
 
 
-class Motion(NamedTuple):
+class ContactPath(NamedTuple):
     """The impactor's path after contact.
 
     Attributes:
@@ -53,7 +53,7 @@ def spring_damper_inverse(K: ArrayLike, C: ArrayLike, mass: ArrayLike) -> tuple[
 @jax.jit
 def impact_motion(
     time: ArrayLike, omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike, gravity: ArrayLike = 0.0
-) -> Motion:
+) -> ContactPath:
     """The motion x'' = g - 2 zeta omega_n x' - omega_n^2 x from x = 0 and x' = V at contact on.
 
     With u(t) = e^(-zeta omega_n t) sin(omega_d t) / omega_d, the answer to a unit impulse, and the depth
@@ -77,7 +77,7 @@ def impact_motion(
     slope = cosine - zeta * omega_n * u
     x = velocity * u + gravity / omega_n**2 * (1 - slope - 2 * zeta * omega_n * u)
     v = velocity * slope + gravity * u
-    return Motion(x, v, 2 * zeta * omega_n * v + omega_n**2 * x)
+    return ContactPath(x, v, 2 * zeta * omega_n * v + omega_n**2 * x)
 
 
 @jax.jit

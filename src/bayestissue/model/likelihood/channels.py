@@ -28,7 +28,7 @@ class Noise(Protocol):
         """T^-1/2 of rows, 0 where there is no sample."""
 
 
-class Channel[N: Noise](NamedTuple):
+class SensorTrace[N: Noise](NamedTuple):
     """What one sensor recorded, for contact in each cell; of a known contact one cell.
 
     Attributes:
@@ -113,7 +113,7 @@ class MeasuredTraces:
         """What is known of the errors beforehand."""
         raise NotImplementedError
 
-    def channels(self) -> list[Channel[Any]]:
+    def channels(self) -> list[SensorTrace[Any]]:
         """The traces; contact is known."""
         raise NotImplementedError
 

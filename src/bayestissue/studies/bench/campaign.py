@@ -85,7 +85,7 @@ class CampaignSpecification(Table):
 
 
 @dataclass(frozen=True, eq=False)
-class Campaign:
+class WatchedCampaign:
     """A campaign that can begin.
 
     Attributes:
@@ -152,7 +152,7 @@ class Campaign:
             return {}
 
 
-def read_campaign(path: Path) -> Campaign:
+def read_campaign(path: Path) -> WatchedCampaign:
     """Read and check a campaign file; one without ``name`` has the file's.
 
     Raises:
@@ -187,7 +187,9 @@ def read_campaign(path: Path) -> Campaign:
         for name, value in spec.facts.items()
     }
     columns(facts, str(path))
-    return Campaign(content, settings, pattern, facts, order, order_file, spec.files_by, spec.wanted, like)
+    return WatchedCampaign(
+        content, settings, pattern, facts, order, order_file, spec.files_by, spec.wanted, like
+    )
 
 
 def _order(path: Path, label: str) -> tuple[dict[str, str], ...]:

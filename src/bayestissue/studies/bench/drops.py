@@ -39,7 +39,7 @@ from bayestissue.recordings.dataset.write import settings_text
 from bayestissue.recordings.intake.build import FIRST, RECORDINGS, cut
 from bayestissue.recordings.intake.facts import Cells
 from bayestissue.recordings.intake.names import is_number
-from bayestissue.studies.bench.campaign import Campaign
+from bayestissue.studies.bench.campaign import WatchedCampaign
 from bayestissue.studies.bench.following import Stamp
 from bayestissue.studies.bench.verdict import Kind, is_spoilt
 
@@ -141,7 +141,7 @@ class Drops:
         corrected: drops whose facts a person changed, and which are to be judged anew.
     """
 
-    def __init__(self, folder: Path, campaign: Campaign) -> None:
+    def __init__(self, folder: Path, campaign: WatchedCampaign) -> None:
         """Go on from what an earlier watch took.
 
         Raises:
@@ -501,7 +501,7 @@ def _flat(content: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def dataset_of(folder: Path, campaign: Campaign, row: Cells) -> Dataset:
+def dataset_of(folder: Path, campaign: WatchedCampaign, row: Cells) -> Dataset:
     """One drop as a dataset, by every check that a folder of it gets.
 
     Raises:

@@ -12,7 +12,7 @@ from bayestissue.base.errors import InputError, Problem, refuse
 from bayestissue.recordings.dataset.cells import in_case_of, standard_names
 from bayestissue.recordings.intake.facts import FILE, Cells
 from bayestissue.recordings.intake.names import columns
-from bayestissue.studies.bench.campaign import Campaign
+from bayestissue.studies.bench.campaign import WatchedCampaign
 from bayestissue.studies.planning.candidates import grid
 from bayestissue.studies.planning.plan import PLAN
 from bayestissue.studies.planning.specification import plan_of
@@ -108,7 +108,7 @@ class Order:
         refuse(problems)
 
 
-def order_of(campaign: Campaign, plan: Path | None) -> Order:
+def order_of(campaign: WatchedCampaign, plan: Path | None) -> Order:
     """The order of a campaign; without one, that of the design that a plan chose, if there is a plan.
 
     What the campaign's facts say was measured, and counts more than what a plan supposes.
@@ -134,13 +134,13 @@ def order_of(campaign: Campaign, plan: Path | None) -> Order:
     return Order(tuple(_measured(rows, campaign, plan)), people_named=False)
 
 
-def _as_named(row: Mapping[Any, Any], campaign: Campaign) -> dict[str, Any]:
+def _as_named(row: Mapping[Any, Any], campaign: WatchedCampaign) -> dict[str, Any]:
     """A row with the campaign's names of its columns, in whatever case it has them: they are one column."""
     names = [*campaign.facts, *(campaign.pattern.fields if campaign.pattern else ())]
     return dict(zip(in_case_of(names, standard_names(list(map(str, row)))), row.values(), strict=True))
 
 
-def _measured(rows: list[dict[str, Any]], campaign: Campaign, plan: Path) -> list[Cells]:
+def _measured(rows: list[dict[str, Any]], campaign: WatchedCampaign, plan: Path) -> list[Cells]:
     """The rows of a plan without the velocity that the campaign's facts have measured."""
     facts = columns(campaign.facts, "[facts]")
     problems = [

@@ -34,7 +34,7 @@ from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.recordings.dataset.impacts import REFERENCE, RESERVED
 from bayestissue.recordings.intake.facts import Cells
 from bayestissue.reports.pages.wording import estimated
-from bayestissue.studies.bench.campaign import Campaign
+from bayestissue.studies.bench.campaign import WatchedCampaign
 from bayestissue.studies.bench.drops import Drop
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.init import COUNTS
@@ -103,14 +103,14 @@ def level(cells: Cells) -> tuple[str, ...]:
     return str(cells["subject"]), *others
 
 
-class Study:
+class GrowingStudy:
     """The study so far.
 
     Attributes:
         drops: how many drops it is of; those of springs and phantoms of known stiffness are in no study.
     """
 
-    def __init__(self, campaign: Campaign) -> None:
+    def __init__(self, campaign: WatchedCampaign) -> None:
         self.drops = 0
         self._wanted = campaign.wanted.relative_width
         self._mass_sd = campaign.settings.uncertainty.relative_mass_sd

@@ -17,7 +17,7 @@ _SPOILT = frozenset(
 Kind = Literal["good", "again", "look"]
 
 
-class Verdict(NamedTuple):
+class DropVerdict(NamedTuple):
     """What to do about a drop.
 
     Attributes:
@@ -54,7 +54,7 @@ def verdict(
     *,
     velocity: tuple[float, float | None, float] = (0.0, None, 0.0),
     unlike: str = "",
-) -> Verdict:
+) -> DropVerdict:
     """The verdict on a drop that could be read.
 
     Args:
@@ -65,10 +65,10 @@ def verdict(
     coded = [(flag, codes[0] if (codes := codes_in(flag)) else "") for flag in flags]
     for flag, code in coded:
         if code in _SPOILT:
-            return Verdict("again", flag, code, spoilt=True)
+            return DropVerdict("again", flag, code, spoilt=True)
     actual, wanted, within = velocity
     if wanted is not None and abs(actual / wanted - 1) > within:
-        return Verdict("again", f"{actual:.3g} m/s at contact, and {wanted:.3g} m/s is wanted")
+        return DropVerdict("again", f"{actual:.3g} m/s at contact, and {wanted:.3g} m/s is wanted")
     if unlike:
-        return Verdict("again", unlike)
-    return Verdict("look", *coded[0]) if coded else Verdict("good")
+        return DropVerdict("again", unlike)
+    return DropVerdict("look", *coded[0]) if coded else DropVerdict("good")

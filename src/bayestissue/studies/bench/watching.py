@@ -37,12 +37,12 @@ from bayestissue.recordings.intake.names import columns
 from bayestissue.recordings.signal.quality.inspection import inspect
 from bayestissue.reports.figures.impacts import end
 from bayestissue.reports.pages.wording import PREDICTED, estimated
-from bayestissue.studies.bench.campaign import Campaign
+from bayestissue.studies.bench.campaign import WatchedCampaign
 from bayestissue.studies.bench.drops import UNREADABLE, Drop, Drops, dataset_of, several
 from bayestissue.studies.bench.following import Follower, Stamp, listing
 from bayestissue.studies.bench.order import Order
-from bayestissue.studies.bench.study import Study
-from bayestissue.studies.bench.verdict import Verdict, verdict
+from bayestissue.studies.bench.study import GrowingStudy
+from bayestissue.studies.bench.verdict import DropVerdict, verdict
 from bayestissue.studies.one_impact import Impact, impact_of
 from bayestissue.studies.one_impact import impact as one_impact
 
@@ -59,7 +59,7 @@ _SAID = 2
 TAKEN_BACK = "taken back"
 
 
-class Line(NamedTuple):
+class Announcement(NamedTuple):
     """A line that is said, with the number of the change that it came with."""
 
     version: int
@@ -82,12 +82,17 @@ class Watch:
     """
 
     def __init__(
-        self, recordings: Path, campaign: Campaign, drops: Drops, order: Order, say: Callable[[str], None]
+        self,
+        recordings: Path,
+        campaign: WatchedCampaign,
+        drops: Drops,
+        order: Order,
+        say: Callable[[str], None],
     ) -> None:
         self.recordings, self.campaign, self.drops, self.order = recordings, campaign, drops, order
-        self.study, self.nouns = Study(campaign), Words(campaign.settings.words.values())
-        self.lines: deque[Line] = deque(maxlen=_LINES)
-        self.last = ("", Verdict("look", "no drop yet"))
+        self.study, self.nouns = GrowingStudy(campaign), Words(campaign.settings.words.values())
+        self.lines: deque[Announcement] = deque(maxlen=_LINES)
+        self.last = ("", DropVerdict("look", "no drop yet"))
         self._say, self._lock = say, threading.RLock()
         self._follower = Follower({drop.file: drop.stamp for drop in drops})
         self._impacts: OrderedDict[tuple[str, str], Impact] = OrderedDict()
@@ -213,7 +218,7 @@ class Watch:
     def _wait(self, problem: Problem) -> None:
         """Stop, and say what a person has to look at."""
         self._waiting = InputError(problem)
-        self.last = str(problem.file), Verdict("look", _in_short(problem))
+        self.last = str(problem.file), DropVerdict("look", _in_short(problem))
         self._once(f"{problem.file}: look: {_in_short(problem)}")
 
     def _take_corrections(self) -> None:
@@ -443,7 +448,7 @@ class Watch:
                 incoming.unlink(missing_ok=True)
 
     def _refuse(self, name: str, error: InputError) -> None:
-        said = Verdict("again", " ".join(dict.fromkeys(map(_in_short, error.problems))))
+        said = DropVerdict("again", " ".join(dict.fromkeys(map(_in_short, error.problems))))
         self.last = name, said
         self.say(f"{name}: {self.nouns(said.words)}")
 
@@ -488,7 +493,7 @@ class Watch:
         self.drops.taken(drop, moved.file if moved else "")
         if moved is not None:
             self._forget(moved)
-        self.last = drop.impact, Verdict(drop.kind, drop.reason, drop.code)
+        self.last = drop.impact, DropVerdict(drop.kind, drop.reason, drop.code)
         self._impacts[drop.impact, sha256] = impact
         while len(self._impacts) > _TRACES:
             self._impacts.popitem(last=False)
@@ -650,7 +655,7 @@ class Watch:
 
     def line(self, drop: Drop) -> str:
         """A drop in one line: its verdict, K, C, force and depth by itself, K in the study, what is left."""
-        words = [f"{drop.impact}: {self.nouns(Verdict(drop.kind, drop.reason).words)}"]
+        words = [f"{drop.impact}: {self.nouns(DropVerdict(drop.kind, drop.reason).words)}"]
         words += [f"{q} {_interval(getattr(drop, q))} {unit}" for q, unit in UNITS.items()]
         words += [f"{name} {_interval(drop.outcomes[name])}" for name in [*drop.outcomes][:_SAID]]
         words += map(self.nouns, self.study.words(drop))
@@ -662,7 +667,7 @@ class Watch:
     def say(self, text: str) -> None:
         """Say a line on the terminal and on pages."""
         self.drops.version += 1
-        self.lines.append(Line(self.drops.version, text))
+        self.lines.append(Announcement(self.drops.version, text))
         self._say(text)
 
 

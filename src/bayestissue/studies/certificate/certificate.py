@@ -129,12 +129,12 @@ def certify(
         raise InputError.stated(
             "option-value.refits", "arguments", None, "refits", refits, least=FEWEST_REFITS, most=MOST_REFITS
         )
-    study = Study.of_run(run, dataset)
+    study = CertifiedFit.of_run(run, dataset)
     return certificate_of(study, refits, seed, say)
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class CertifiedFit:
     """A finished fit with its model, its data, and where its chains ended."""
 
     fit: Fit
@@ -142,7 +142,7 @@ class Study:
     end: ChainEnd
 
     @classmethod
-    def of_run(cls, run: Fit | str | Path, dataset: Dataset | str | Path | None = None) -> Study:
+    def of_run(cls, run: Fit | str | Path, dataset: Dataset | str | Path | None = None) -> CertifiedFit:
         """A fit and its recordings, which are read again where it is not in memory.
 
         Raises:
@@ -180,10 +180,10 @@ def _recordings(fit: Fit, dataset: Dataset | str | Path | None) -> Dataset:
 
 
 def certificate_of(
-    study: Study, refits: int, seed: int, say: Say, *, parts: Path | None = None
+    study: CertifiedFit, refits: int, seed: int, say: Say, *, parts: Path | None = None
 ) -> Certificate:
     """`certify` of what was read; ``parts`` is an existing folder for finished refits."""
-    start, fit = runtime.Start(), study.fit
+    start, fit = runtime.CommandStart(), study.fit
     against = reason_against(study.prepared)
     done = [] if against else _refitted(study, refits, seed, say, parts)
     calibration = (
@@ -208,7 +208,9 @@ def certificate_of(
     return Certificate(record, calibration, _ranks_table(done), sensitivity, items)
 
 
-def _refitted(study: Study, refits: int, seed: int, say: Say, parts: Path | None) -> list[dict[str, Any]]:
+def _refitted(
+    study: CertifiedFit, refits: int, seed: int, say: Say, parts: Path | None
+) -> list[dict[str, Any]]:
     """Of each refit the ranks, and whether its chains passed; those of an earlier run of the job are read."""
     paths = [None if parts is None else parts / f"refit-{number:04d}.json" for number in range(refits)]
     if all(path is not None and path.is_file() for path in paths):

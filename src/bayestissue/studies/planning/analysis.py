@@ -21,7 +21,7 @@ from bayestissue.inference.answers.questions import (
     require_readable,
 )
 from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
-from bayestissue.inference.answers.study import Study as Asked
+from bayestissue.inference.answers.study import Study
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.design import Design, build_design
 from bayestissue.model.hierarchy.effects import RESPONSES
@@ -59,7 +59,7 @@ class Analysis:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class PlannedStudy:
     """A plan that can be carried out.
 
     Attributes:
@@ -87,7 +87,7 @@ class Study:
         return next(analysis.model for analysis in self.analyses if number in analysis.designs)
 
 
-def study_of(plan: PlanSpecification, source: str) -> Study:
+def study_of(plan: PlanSpecification, source: str) -> PlannedStudy:
     """The plan with its designs and their analyses.
 
     Args:
@@ -142,7 +142,7 @@ def study_of(plan: PlanSpecification, source: str) -> Study:
         name: simulation_of(recording, recorder=plan.recorder, gravity=plan.gravity)
         for name, recording in plan.recordings.items()
     }
-    return Study(
+    return PlannedStudy(
         plan,
         designs,
         _analyses(plan, None if earlier is None else earlier.model, formulas_of, reference),
@@ -284,7 +284,7 @@ def _unanswerable(
                 raise InputError.stated(
                     "impossible-plan.outcome", *(source, None, "model", model.name), **words
                 )
-            require_outcomes([question], Asked(draws, design.recorded, law))
+            require_outcomes([question], Study(draws, design.recorded, law))
     return problems
 
 

@@ -36,10 +36,10 @@ from bayestissue.studies.planning.settings import PLAN as SETTINGS
 from bayestissue.studies.simulation.campaign import simulate
 from bayestissue.studies.simulation.specification import (
     Condition,
-    Design,
     RecordedDeceleration,
     Recording,
     Simulation,
+    StudyDesign,
     Tissue,
 )
 
@@ -123,7 +123,7 @@ def information(
     further = element(specification.element).extra
     planned = simulation.model_copy(
         update={
-            "design": Design(
+            "design": StudyDesign(
                 conditions=tuple(
                     Condition(trial=f"t{number}", **{str(name): value for name, value in row.items()})
                     for number, row in enumerate(conditions.to_dict("records"))

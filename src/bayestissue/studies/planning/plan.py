@@ -23,7 +23,7 @@ from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, grouping_of
 from bayestissue.reports.pages.plan_page import page_of
 from bayestissue.studies.fitting import formulas_of, silent
-from bayestissue.studies.planning.analysis import Study, factors_named, study_of
+from bayestissue.studies.planning.analysis import PlannedStudy, factors_named, study_of
 from bayestissue.studies.planning.assurance import Assessment, Goal, Progress
 from bayestissue.studies.planning.ledger import Case, Ledger, sha256_of
 from bayestissue.studies.planning.population import Beliefs, DesignPrior, Pilot, WithoutSpread
@@ -206,7 +206,7 @@ def with_changes(plan: PlanSpecification, source: str, table: str, **changed: An
 
 
 def carry_out(
-    study: Study,
+    study: PlannedStudy,
     *,
     say: Progress | None = None,
     known: pd.DataFrame | None = None,
@@ -220,7 +220,7 @@ def carry_out(
         known: studies of an earlier plan, from which this goes on.
         parts: a folder in which finished studies are kept meanwhile.
     """
-    start = runtime.Start()
+    start = runtime.CommandStart()
     aim = study.plan.goal
     ledger = Ledger(aim.seed, aim.probability, say or silent, known, parts)
     cases = [

@@ -64,7 +64,7 @@ def _alike(belief: Any) -> Any:
     return Responses[Belief](K=belief, C=belief)
 
 
-class Population(Table):
+class PlannedPopulation(Table):
     """The table ``[population]``: the keys of a model file's ``[priors]``, each a distribution or a number.
 
     All are on the log scale of K (N/m) and C (N s/m), at the reference mass of the analysis.
@@ -169,7 +169,7 @@ class Truths:
 
 
 class DesignPrior(Protocol):
-    """Where truths come from: `Population`'s beliefs, or a pilot study's posterior."""
+    """Where truths come from: `PlannedPopulation`'s beliefs, or a pilot study's posterior."""
 
     def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
         """The truth of each study of a block."""
@@ -195,9 +195,9 @@ class Streams:
 
 @dataclass(frozen=True)
 class Beliefs:
-    """Truths from a `Population`."""
+    """Truths from a `PlannedPopulation`."""
 
-    population: Population
+    population: PlannedPopulation
 
     def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
         """Draw every parameter that the model has."""

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from bayestissue.base import runtime
 from bayestissue.base.settings import Table, checked, parse_toml, read_text
 from bayestissue.recordings.dataset.settings import Gravity, LowPassFilter, WordSettings
-from bayestissue.studies.planning.population import BLOCK, Population
+from bayestissue.studies.planning.population import BLOCK, PlannedPopulation
 from bayestissue.studies.simulation.specification import (
     Condition,
     Factor,
@@ -246,7 +246,7 @@ class PlanSpecification(Table):
     recording: RecordedDeceleration = USUAL
     recorder: LowPassFilter | None = None
     gravity: Gravity = "none"
-    population: Population = Population()
+    population: PlannedPopulation = PlannedPopulation()
     pilot: str | None = None
     after: After | None = None
     words: WordSettings | None = None

@@ -89,7 +89,7 @@ class Factor(Table):
         return name
 
 
-class Design(Table):
+class StudyDesign(Table):
     """Who is hit how: every person in every condition, as often as ``repeats`` says.
 
     Attributes:
@@ -354,7 +354,7 @@ class Simulation(Table):
     name: Annotated[str, Field(min_length=1)]
     description: str = ""
     seed: Annotated[int, Field(ge=0, le=runtime.MOST_SEED)] = 0
-    design: Design = Design()
+    design: StudyDesign = StudyDesign()
     tissue: Tissue
     phantom: Phantom | None = None
     recording: Recording = Recording()

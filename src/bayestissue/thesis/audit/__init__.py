@@ -11,8 +11,8 @@ import pandas as pd
 from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.audit import estimates, people, printed, reasoning
 from bayestissue.thesis.audit.findings import (
+    AuditedImpacts,
     Check,
-    Impacts,
     Publication,
     as_table,
     findings,
@@ -20,7 +20,7 @@ from bayestissue.thesis.audit.findings import (
 )
 
 # Of the estimates by themselves, and of the publication: its tables against each other and against its text.
-CHECKS_OF_IMPACTS: tuple[Check[Impacts], ...] = (
+CHECKS_OF_IMPACTS: tuple[Check[AuditedImpacts], ...] = (
     estimates.constant_natural_frequency,
     estimates.frequency_and_damping_on_one_curve,
     estimates.equal_masses_at_other_energies,

@@ -18,7 +18,7 @@ from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
 from bayestissue.mechanics.oscillator import peak_displacement, time_to_peak
 from bayestissue.recordings.signal.integration import trapezoids
-from bayestissue.thesis.audit.findings import Impacts, Numbers, number_list
+from bayestissue.thesis.audit.findings import AuditedImpacts, Numbers, number_list
 
 # Of a made-up blow.
 _SAMPLES = 2001
@@ -40,7 +40,7 @@ class MassExponent:
         return abs(self.slope - 1) < 0.15 and self.low > 0.5
 
 
-def mass_exponent(impacts: Impacts) -> MassExponent:
+def mass_exponent(impacts: AuditedImpacts) -> MassExponent:
     """Least squares of the conditions' mean log K on log M.
 
     Conditions, not impacts, are the units: mass varies between conditions only.
@@ -52,7 +52,7 @@ def mass_exponent(impacts: Impacts) -> MassExponent:
     return MassExponent(float(line.slope), float(line.slope - half), float(line.slope + half))
 
 
-def _in_proportion(impacts: Impacts) -> MassExponent | None:
+def _in_proportion(impacts: AuditedImpacts) -> MassExponent | None:
     """The mass exponent of K where it is 1 (`MassExponent.is_one`)."""
     exponent = mass_exponent(impacts)
     return exponent if exponent.is_one else None
@@ -78,7 +78,7 @@ class Curve:
         return self.residual < 0.5 * self.total and self.residual < self.chance
 
 
-def frequency_curve(impacts: Impacts) -> Curve:
+def frequency_curve(impacts: AuditedImpacts) -> Curve:
     """Fit ω_n as a parabola in ζ by Tukey's biweight, so that a few impacts off the curve do not bend it."""
     omega, zeta = impacts.omega_n, impacts.zeta
     middle = float(np.median(omega))
@@ -109,7 +109,7 @@ def variation(values: Float[np.ndarray, " impact"]) -> float:
     return float(np.std(values, ddof=1) / np.mean(values))
 
 
-def constant_natural_frequency(impacts: Impacts) -> Iterator[Numbers]:
+def constant_natural_frequency(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """K proportional to the mass of the impactor.
 
     Major: K = M ω_n², so a K that follows M with ω_n the same for all says nothing about the tissue.
@@ -128,7 +128,7 @@ def constant_natural_frequency(impacts: Impacts) -> Iterator[Numbers]:
     yield {"K": K, "per_mass": variation(per_mass), "exponent": exponent, "omega": omega}
 
 
-def frequency_and_damping_on_one_curve(impacts: Impacts) -> Iterator[Numbers]:
+def frequency_and_damping_on_one_curve(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """ω_n a function of ζ, across people and masses that have nothing else in common.
 
     With K and C fixed, ω_n and ζ lie on the line ω_n/ζ = 2K/C as mass varies: only where ω_n does not follow
@@ -144,7 +144,7 @@ def frequency_and_damping_on_one_curve(impacts: Impacts) -> Iterator[Numbers]:
         yield {"impacts": len(curve.off), "curve": curve, "times": times, "off": curve.off.sum()}
 
 
-def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Numbers]:
+def equal_masses_at_other_energies(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """Conditions of nearly the same mass but different energy that give the same K.
 
     Minor: it separates mass from energy and velocity, which the design otherwise ties together.
@@ -206,7 +206,7 @@ def made_up_pulses() -> tuple[Float[np.ndarray, "pulse time"], Float[np.ndarray,
     return 1 - lost / lost[:, -1:], bell / lost[:, -1:]
 
 
-def frequency_of_the_window(impacts: Impacts) -> Iterator[Numbers]:
+def frequency_of_the_window(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """A natural frequency that is the same for all may be the reciprocal of the window.
 
     Minor: it shows where the one natural frequency may come from; only the recordings could prove it.
@@ -219,7 +219,7 @@ def frequency_of_the_window(impacts: Impacts) -> Iterator[Numbers]:
     yield {"omega": omega, "slower": np.sqrt(mass.max() / mass.min()), **fit}
 
 
-def peak(impacts: Impacts) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarray, " impact"]]:
+def peak(impacts: AuditedImpacts) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarray, " impact"]]:
     """Time to peak (s) and peak displacement (m) of the impactor on a spring and damper of K and C."""
     velocity = impacts.rows["velocity_m_s"].to_numpy()
     time = time_to_peak(impacts.omega_n, impacts.zeta)
@@ -227,7 +227,7 @@ def peak(impacts: Impacts) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarr
     return np.asarray(time), np.asarray(depth)
 
 
-def implied_penetration(impacts: Impacts) -> Iterator[Numbers]:
+def implied_penetration(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """How deep, and for how long, an impactor would sink into a tissue of the estimated K and C.
 
     Major: an impactor that sinks through the limb was stopped by another K and C, or in another unit.
@@ -247,7 +247,7 @@ def implied_penetration(impacts: Impacts) -> Iterator[Numbers]:
     }
 
 
-def kinetic_energy(impacts: Impacts) -> Iterator[Numbers]:
+def kinetic_energy(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """E = ½MV² with energy, mass and velocity as given.
 
     Major: K and C are proportional to the mass, so a wrong mass or velocity goes straight into them.

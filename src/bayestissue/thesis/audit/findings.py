@@ -26,7 +26,7 @@ COLUMNS = ("where", "what", "published", "implied", "severity", "explanation")
 
 
 @dataclass(frozen=True)
-class Finding:
+class Inconsistency:
     """One thing that does not hold together.
 
     Attributes:
@@ -48,7 +48,7 @@ class Finding:
     bearing: Bearing
 
 
-def as_table(graded: Iterable[Finding]) -> pd.DataFrame:
+def as_table(graded: Iterable[Inconsistency]) -> pd.DataFrame:
     """A table with `COLUMNS`, worst first: by severity, then by what is at stake, then in the order found."""
     ranked = sorted(graded, key=lambda one: (SEVERITIES.index(one.severity), BEARINGS.index(one.bearing)))
     rows = [[getattr(one, name) for name in COLUMNS] for one in ranked]
@@ -69,18 +69,18 @@ TEXTS = declared(__package__, "findings.toml")
 
 def findings[Subject](
     checks: Iterable[Check[Subject]], subject: Subject, where: str = ""
-) -> Iterator[Finding]:
+) -> Iterator[Inconsistency]:
     """What checks find in ``subject``, in the words of ``findings.toml``; ``where`` if no place is named."""
     for check in checks:
         texts = dict(TEXTS[check.__name__])
         severity, bearing = texts.pop("severity"), texts.pop("bearing")
         for numbers in check(subject):
             words = {"where": where} | {name: text.format(**numbers) for name, text in texts.items()}
-            yield Finding(**words, severity=numbers.get("severity") or severity, bearing=bearing)
+            yield Inconsistency(**words, severity=numbers.get("severity") or severity, bearing=bearing)
 
 
 @dataclass(frozen=True)
-class Impacts:
+class AuditedImpacts:
     """Estimates with what was measured beside them.
 
     Attributes:
@@ -107,11 +107,11 @@ class Impacts:
         return rows["C"].to_numpy() / (2 * np.sqrt(rows["K"].to_numpy() * rows["mass_kg"].to_numpy()))
 
 
-def published_impacts(tables: PublishedTables) -> Impacts:
+def published_impacts(tables: PublishedTables) -> AuditedImpacts:
     """The impacts whose estimates were published."""
     claims = tables.claims
     layers = claims["quantity"].str.endswith("thickness") & claims["statistic"].eq("maximum (mm)")
-    return Impacts(
+    return AuditedImpacts(
         tables.estimates,
         conditions=tables.averages.drop_duplicates("trial").set_index("trial"),
         tissue_m=float(claims.loc[layers, "value"].sum()) / 1000,

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from bayestissue.thesis.audit.findings import Impacts, Numbers
+from bayestissue.thesis.audit.findings import AuditedImpacts, Numbers
 
 _TELLING = 0.5
 """An intraclass correlation that may be as high as this is not refuted by a table with few people."""
@@ -37,7 +37,7 @@ class Agreement:
     conditions: int
 
 
-def agreement(impacts: Impacts, quantity: str) -> Agreement:
+def agreement(impacts: AuditedImpacts, quantity: str) -> Agreement:
     """Two-way analysis of variance of log ``quantity``."""
     logs = impacts.rows.assign(value=np.log(impacts.rows[quantity]))
     table = logs.pivot_table(index="subject", columns="trial", values="value").dropna(axis=1)
@@ -59,7 +59,7 @@ def agreement(impacts: Impacts, quantity: str) -> Agreement:
     )
 
 
-def people_not_told_apart(impacts: Impacts) -> Iterator[Numbers]:
+def people_not_told_apart(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """The same people, struck again, do not come out in the same order.
 
     Major: a property of a person's tissue must show in the same person twice.
@@ -82,7 +82,7 @@ def people_not_told_apart(impacts: Impacts) -> Iterator[Numbers]:
     }
 
 
-def damping_without_bounds(impacts: Impacts) -> Iterator[Numbers]:
+def damping_without_bounds(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """C that differs many times over within one condition while K hardly differs.
 
     Minor: a damper that differs so much between shoulders of one age and stiffness is not credible.
@@ -97,7 +97,7 @@ def damping_without_bounds(impacts: Impacts) -> Iterator[Numbers]:
     yield {"worst": worst, "C": ends["C"].loc[worst.name], **counts}
 
 
-def unequal_scatter(impacts: Impacts) -> Iterator[Numbers]:
+def unequal_scatter(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """Scatter within conditions that differs by more than chance (Brown and Forsythe's test).
 
     Note: correlation and regression took the scatter to be the same in every condition.
@@ -111,7 +111,7 @@ def unequal_scatter(impacts: Impacts) -> Iterator[Numbers]:
             yield {"quantity": quantity, "most": spread.max(), "noisiest": spread.idxmax(), "p": p, **least}
 
 
-def rows_that_stand_twice(impacts: Impacts) -> Iterator[Numbers]:
+def rows_that_stand_twice(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """Two people with the same K and the same C in one trial.
 
     Minor: one impact less changes the averages of its trial, not the conclusions.
@@ -130,7 +130,7 @@ def rows_that_stand_twice(impacts: Impacts) -> Iterator[Numbers]:
         yield {"likely": likely, "frequency": frequency, **numbers}
 
 
-def estimates_in_two_trials(impacts: Impacts) -> Iterator[Numbers]:
+def estimates_in_two_trials(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """The same K and the same C in trials of different mass.
 
     Minor: a row copied from another trial belongs to another mass.

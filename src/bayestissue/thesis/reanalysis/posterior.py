@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.inference.chain.ending import Verdict
+from bayestissue.inference.chain.ending import LookVerdict
 from bayestissue.inference.chain.moves import FREEDOM, StudentT, WalkNumbers, followed, walk
 from bayestissue.inference.chain.results import constrained
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
@@ -44,7 +44,7 @@ NEARBY = ChainSettings(first_rounds=(3,), last_round=1, most_rounds=0, first_loo
 POINTS = 64
 
 
-class State(NamedTuple):
+class TableState(NamedTuple):
     """Where a chain is: hyperparameters, unconstrained, effects, and the scatter of each table's people."""
 
     y: Float[Any, " hyperparameter"]
@@ -52,7 +52,7 @@ class State(NamedTuple):
     scatter: Float[Any, "table 2"]
 
 
-class Tuning(NamedTuple):
+class TableTuning(NamedTuple):
     """What the warm-up learns: a t near y's posterior, and where the tables' sites are made."""
 
     population: StudentT
@@ -88,7 +88,7 @@ class EstimatesPosterior:
     data: EstimatesData
     acceptance: float
     segments: tuple[int, int]
-    verdict: Verdict
+    verdict: LookVerdict
 
 
 def sample_posterior(
@@ -114,18 +114,18 @@ def sample_posterior(
     settings = SETTINGS if near is None else NEARBY
     nothing = np.zeros_like(data.scatter)
     start = walk_start(sampler.chains, number, rng)
-    begin, tuning = start.y, Tuning(start.near, nothing)
+    begin, tuning = start.y, TableTuning(start.near, nothing)
     if near is not None:
         drawn_near = flat(near.y)
         begin = rng.choice(drawn_near, sampler.chains, replace=False)
-        tuning = Tuning(nearest_t(drawn_near), near.data.scatter)
-    states = [State(y, np.asarray(data.location_mean), nothing) for y in begin]
+        tuning = TableTuning(nearest_t(drawn_near), near.data.scatter)
+    states = [TableState(y, np.asarray(data.location_mean), nothing) for y in begin]
     keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
     carried = [(state, start.length) for state in states]
     chains = Chains(_advanced, (model, data, settings), settings, keys, carried)
 
-    def retuned(_: Tuning, visited: State, first: bool) -> Tuning:
-        return Tuning(nearest_t(visited.y), visited.scatter.mean(0))
+    def retuned(_: TableTuning, visited: TableState, first: bool) -> TableTuning:
+        return TableTuning(nearest_t(visited.y), visited.scatter.mean(0))
 
     tuning = warmed_up(chains, tuning, retuned, progress)
     warm = chains.number
@@ -150,14 +150,14 @@ def _advanced(
     model: EstimatesModel,
     data: EstimatesData,
     settings: ChainSettings,
-    tuning: Tuning,
-    carried: tuple[State, Array],
+    tuning: TableTuning,
+    carried: tuple[TableState, Array],
     key: Array,
     gain: Float[Array, ""],
 ) -> Segment:
     data = jax.tree.map(jnp.asarray, data)._replace(scatter=tuning.scatter)
 
-    def transition(carried: tuple[State, Array], key: Array) -> Any:
+    def transition(carried: tuple[TableState, Array], key: Array) -> Any:
         state, length = carried
         keys, steps, number = jax.random.split(key, 5), settings.inner + 1, len(state.y)
         numbers = WalkNumbers(
@@ -171,7 +171,7 @@ def _advanced(
         b = effects_from_standard(data.design, effects.conditional, data.location_mean, numbers.effects)
         here, there = densities(model, data, state.y, state.b), densities(model, data, y, b)
         accepted = jnp.log(jax.random.uniform(keys[3])) < there.log_ratio - here.log_ratio
-        state = State(
+        state = TableState(
             jnp.where(accepted, y, state.y),
             jnp.where(accepted, b, state.b),
             jnp.where(accepted, there.scatter, here.scatter),
@@ -183,7 +183,7 @@ def _advanced(
     return Segment(of_segment[0], *of_segment[1])
 
 
-def _quantities(path: State) -> tuple[np.ndarray, np.ndarray]:
+def _quantities(path: TableState) -> tuple[np.ndarray, np.ndarray]:
     """Hyperparameters and effects, and nothing of impacts, [quantity, chain, draw]."""
     population = np.concatenate([path.y, path.b], axis=-1)
     return np.moveaxis(population, -1, 0), np.zeros((0, *path.y.shape[:2]))

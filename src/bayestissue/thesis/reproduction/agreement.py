@@ -29,7 +29,7 @@ class Recomputed:
 
 
 @dataclass(frozen=True)
-class Line:
+class PublishedNumber:
     """One published number beside the recomputed one."""
 
     table: str
@@ -84,21 +84,21 @@ def is_cut_off(printed: str, value: float) -> bool:
     )
 
 
-def line(table: str, row: int, quantity: str, printed: str, recomputed: Recomputed) -> Line:
+def line(table: str, row: int, quantity: str, printed: str, recomputed: Recomputed) -> PublishedNumber:
     """Compare ``printed`` (empty where its cell is lost) with what was ``recomputed``."""
     if recomputed.value is None:
-        return Line(table, row, quantity, printed, "", None, recomputed.note)
+        return PublishedNumber(table, row, quantity, printed, "", None, recomputed.note)
     reproduced = f"{recomputed.value:.8g}"
     if not printed:
-        return Line(table, row, quantity, printed, reproduced, None, recomputed.note)
+        return PublishedNumber(table, row, quantity, printed, reproduced, None, recomputed.note)
     agreed = agrees(printed, recomputed.value)
     notes = [] if agreed else [recomputed.hint, _difference(printed, recomputed.value, recomputed.rounding)]
-    return Line(
+    return PublishedNumber(
         table, row, quantity, printed, reproduced, agreed, "; ".join(filter(None, [*notes, recomputed.note]))
     )
 
 
-def line_of(row: pd.Series, column: str, quantity: str, recomputed: Recomputed) -> Line:
+def line_of(row: pd.Series, column: str, quantity: str, recomputed: Recomputed) -> PublishedNumber:
     """The `line` of the number that a ``row`` of a published table has in ``column``."""
     return line(row["table"], int(row["row"]), quantity, row[f"{column}_text"], recomputed)
 

@@ -12,7 +12,7 @@ import pandas as pd
 
 from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.agreement import (
-    Line,
+    PublishedNumber,
     Recomputed,
     Rounded,
     agrees,
@@ -229,7 +229,7 @@ _CORRELATION = re.compile(r"correlation (?P<averaged>of trial averages )?with (?
 _NO_RULE = "no rule recomputes this statistic"
 
 
-def claim_lines(published: PublishedTables) -> list[Line]:
+def claim_lines(published: PublishedTables) -> list[PublishedNumber]:
     """Every claim of the text beside what the tables say; ``row`` is the number of the claim."""
     evidence: dict[str, Evidence] = {quantity: Evidence(published, quantity) for quantity in QUANTITIES}
     lines = []

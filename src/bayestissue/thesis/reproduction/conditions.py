@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.recordings.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line_of
+from bayestissue.thesis.reproduction.agreement import PublishedNumber, Recomputed, half_unit, line_of
 
 Quantity = Literal["K", "C"]
 QUANTITIES: tuple[Quantity, ...] = ("K", "C")
@@ -118,7 +118,7 @@ def has_mass(name: str) -> bool:
 _NAMES = {"average": "average", "sd": "standard deviation", "range": "range"}
 
 
-def summary_lines(published: PublishedTables) -> list[Line]:
+def summary_lines(published: PublishedTables) -> list[PublishedNumber]:
     """Average, standard deviation (with n - 1) and range of K and C in every trial, printed and recomputed.
 
     The masses of the first of the two tables are set beside 2E/V², which defines them (section 6.4).

@@ -13,7 +13,7 @@ from statsmodels.regression.linear_model import OLS
 from statsmodels.tools.tools import add_constant
 
 from bayestissue.recordings.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line, line_of
+from bayestissue.thesis.reproduction.agreement import PublishedNumber, Recomputed, half_unit, line, line_of
 from bayestissue.thesis.reproduction.conditions import (
     NEVER_TABULATED,
     QUANTITIES,
@@ -85,7 +85,7 @@ def p_value(r: float, n: float) -> float:
     return float(2 * stats.t.sf(abs(r) * np.sqrt((n - 2) / (1 - r * r)), n - 2))
 
 
-def correlation_lines(published: PublishedTables) -> list[Line]:
+def correlation_lines(published: PublishedTables) -> list[PublishedNumber]:
     """Every correlation and p-value of Tables 5.12 to 5.15; the lost Table 5.13 is filled in."""
     tables: dict[str, pd.DataFrame] = {quantity: conditions(published, quantity) for quantity in QUANTITIES}
     lines = []
@@ -148,7 +148,7 @@ def correlation_figure(published: PublishedTables, quantity: Quantity, *, averag
     return shown.sort_values("absolute", ascending=False, kind="stable", ignore_index=True)
 
 
-def _impact_lines(row: pd.Series, table: pd.DataFrame) -> list[Line]:
+def _impact_lines(row: pd.Series, table: pd.DataFrame) -> list[PublishedNumber]:
     """A correlation over all impacts, and its p-value."""
     r, n, lost = correlation_of_impacts(row["variable"], table), float(table["impacts"].sum()), ""
     if row["table"] == "5.13":
@@ -219,7 +219,7 @@ def select_forward(response: pd.Series, known: dict[tuple[str, ...], np.ndarray]
     return entered
 
 
-def regression_lines(published: PublishedTables) -> list[Line]:
+def regression_lines(published: PublishedTables) -> list[PublishedNumber]:
     """Coefficients and R² of both equations, fitted to the averages of the nine conditions."""
     lines = []
     for quantity in QUANTITIES:
@@ -235,7 +235,7 @@ def regression_lines(published: PublishedTables) -> list[Line]:
     return lines
 
 
-def stepwise_lines(published: PublishedTables) -> list[Line]:
+def stepwise_lines(published: PublishedTables) -> list[PublishedNumber]:
     """Which variables enter, by forward selection at 0.05 on the averages, without skin and muscle."""
     lines = []
     for quantity in QUANTITIES:
@@ -274,15 +274,15 @@ def _equation(table: pd.DataFrame, printed: pd.DataFrame) -> dict[str, Recompute
     return coefficients | {term: Recomputed(None, note=NEVER_TABULATED) for term in extra}
 
 
-def _stepwise_line(row: pd.Series, known: dict[tuple[str, ...], Any], entered: list[Any]) -> Line:
+def _stepwise_line(row: pd.Series, known: dict[tuple[str, ...], Any], entered: list[Any]) -> PublishedNumber:
     name = f"{row['variable']} in the stepwise regression of {row['quantity']}"
     key = factors(row["variable"])
     if key not in known:
-        return Line(row["table"], row["row"], name, row["status"], "", None, NEVER_TABULATED)
+        return PublishedNumber(row["table"], row["row"], name, row["status"], "", None, NEVER_TABULATED)
     status = "entered" if key in entered else "not entered"
     agreed = status == row["status"]
     note = "" if agreed else f"forward selection at {ALPHA} on the averages, without skin and muscle"
-    return Line(row["table"], row["row"], name, row["status"], status, agreed, note)
+    return PublishedNumber(row["table"], row["row"], name, row["status"], status, agreed, note)
 
 
 def _p_of_last(response: pd.Series, columns: list[np.ndarray]) -> float:

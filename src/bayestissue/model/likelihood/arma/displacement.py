@@ -24,7 +24,7 @@ from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.oscillator import to_differences
 from bayestissue.model.likelihood import small
 from bayestissue.model.likelihood.arma.arma21 import arma21_series
-from bayestissue.model.likelihood.channels import Channel, MeasuredTraces
+from bayestissue.model.likelihood.channels import MeasuredTraces, SensorTrace
 from bayestissue.model.likelihood.linear_errors import Errors, Products, from_lower_entries, part_of
 from bayestissue.model.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
 from bayestissue.model.likelihood.transforms import FILLED, transformed
@@ -219,7 +219,7 @@ class MeasuredDisplacement(MeasuredTraces):
         count = self.record.n_samples - 2.0
         return Products.of_unit_noise(gram, log_determinant(theta1, count), count, self.log_sigma)
 
-    def channels(self) -> list[Channel[MovingAverage]]:
+    def channels(self) -> list[SensorTrace[MovingAverage]]:
         """The transformed traces."""
         c1, c2, theta1 = self.differences()
 
@@ -232,7 +232,7 @@ class MeasuredDisplacement(MeasuredTraces):
         eigenvalue = by_frequency(eigenvalues(theta1[:, None], self.record.spread)).T
         inside = jnp.arange(eigenvalue.shape[1]) < self.record.n_samples[:, None] - 2
         noise = MovingAverage(inside, eigenvalue)
-        return [Channel(residual, jnp.stack(columns, axis=2), self.log_sigma, noise)]
+        return [SensorTrace(residual, jnp.stack(columns, axis=2), self.log_sigma, noise)]
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces from the record's first two values on: the recursion, then the chain's errors."""

@@ -28,14 +28,14 @@ from jax.scipy.special import log_ndtr
 from jaxtyping import Float
 
 from bayestissue.model.likelihood import small
-from bayestissue.model.likelihood.channels import Channel
-from bayestissue.model.likelihood.element.noise import Noise
+from bayestissue.model.likelihood.channels import SensorTrace
+from bayestissue.model.likelihood.element.noise import TraceNoise
 from bayestissue.model.likelihood.element.record import DecelerationRecord
 from bayestissue.model.likelihood.linear_errors import LOG_2PI, Errors, Products, predicted_given
 
 
 def log_probability(
-    channel: Channel[Noise], record: DecelerationRecord, products: Products, errors: Errors
+    channel: SensorTrace[TraceNoise], record: DecelerationRecord, products: Products, errors: Errors
 ) -> Float[Array, "cell impact"]:
     """Log P for contact in each cell.
 

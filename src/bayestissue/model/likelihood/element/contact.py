@@ -27,8 +27,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.model.likelihood.channels import Channel
-from bayestissue.model.likelihood.element.noise import Noise, filtered, products, products_under
+from bayestissue.model.likelihood.channels import SensorTrace
+from bayestissue.model.likelihood.element.noise import TraceNoise, filtered, products, products_under
 from bayestissue.model.likelihood.element.record import CONTACT, GAIN, OFFSET, DecelerationRecord
 from bayestissue.model.likelihood.element.response import Response, columns
 from bayestissue.model.likelihood.linear_errors import Products
@@ -52,15 +52,15 @@ def error_sd(record: DecelerationRecord) -> Float[Array, "#cell impact error"]:
     return by_cell.at[..., CONTACT].set(in_cell)
 
 
-def noise_of(record: DecelerationRecord) -> Noise:
+def noise_of(record: DecelerationRecord) -> TraceNoise:
     """The noise of every trace, the samples before the first among it."""
     inside = jnp.concatenate([record.contact.counts, record.observed()], axis=1)
-    return Noise.of(inside, record.colour, record.rate)
+    return TraceNoise.of(inside, record.colour, record.rate)
 
 
 def channel_of(
     response: Response, record: DecelerationRecord, log_sigma: Float[Array, " impact"]
-) -> Channel[Noise]:
+) -> SensorTrace[TraceNoise]:
     """The deceleration, and samples before the first that may count, for contact in each cell.
 
     Where contact is not known, no recorder's low-pass is between. Its errors are the weights of the
@@ -80,7 +80,7 @@ def channel_of(
         d, parts = parts[:, :, GAIN], parts.at[:, :, OFFSET].set(offset_row(record)[:, None])
     modes = jnp.broadcast_to(modes_of(record)[:, None], (*parts.shape[:2], *modes_of(record).shape[1:]))
     every = jnp.concatenate([modes, parts], axis=2)
-    return Channel(samples[:, None] - d, every, log_sigma, noise_of(record), record.colour.stride)
+    return SensorTrace(samples[:, None] - d, every, log_sigma, noise_of(record), record.colour.stride)
 
 
 def modes_of(record: DecelerationRecord) -> Float[Array, "impact mode row"]:
@@ -108,7 +108,7 @@ def products_in_cells(
     shifted = jnp.stack([response.by_velocity, response.d, -response.jerk], axis=1)
     by_phase = jnp.moveaxis(shifted.reshape(*shifted.shape[:2], -1, len(record.phase)), -1, 0)
 
-    def of_impact(noise: Noise, fixed: Array, shifted: Array) -> Array:
+    def of_impact(noise: TraceNoise, fixed: Array, shifted: Array) -> Array:
         if noise.is_white:
             return _slid_gram(noise, fixed, shifted, reach)
         return _gram_by_cell(noise, fixed, shifted, reach, stride)
@@ -132,7 +132,7 @@ def products_in_cells(
 
 
 def _gram_by_cell(
-    noise: Noise,
+    noise: TraceNoise,
     fixed: Float[Array, "fixed row"],
     shifted: Float[Array, "shifted time"],
     reach: int,
@@ -157,7 +157,7 @@ def _gram_by_cell(
 
 
 def _slid_gram(
-    noise: Noise, fixed: Float[Array, "fixed row"], shifted: Float[Array, "shifted time"], reach: int
+    noise: TraceNoise, fixed: Float[Array, "fixed row"], shifted: Float[Array, "shifted time"], reach: int
 ) -> Float[Array, "cell part part"]:
     """The products of an impact under white noise: by how much they change from cell to cell.
 

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.model.likelihood.channels import Channel
-from bayestissue.model.likelihood.element.noise import Noise
+from bayestissue.model.likelihood.channels import SensorTrace
+from bayestissue.model.likelihood.element.noise import TraceNoise
 from bayestissue.model.likelihood.element.record import ForceRows
 from bayestissue.model.likelihood.element.recorder import Colour
 from bayestissue.model.likelihood.element.response import Response
@@ -25,7 +25,7 @@ def force_channel(
     force: ForceRows,
     log_ratio: Float[Array, " impact"],
     log_sigma: Float[Array, " impact"],
-) -> Channel[Noise]:
+) -> SensorTrace[TraceNoise]:
     """The force over mass, for contact in each cell.
 
     Args:
@@ -43,4 +43,4 @@ def force_channel(
     columns = jnp.stack([share * by_velocity, none, one, late, none, late], axis=2)
     colour, rate = force.colour or Colour.white_noise(), force.rate
     rate = jnp.zeros(len(inside), int) if rate is None else rate
-    return Channel(residual, columns, log_sigma, Noise.of(inside, colour, rate), colour.stride)
+    return SensorTrace(residual, columns, log_sigma, TraceNoise.of(inside, colour, rate), colour.stride)

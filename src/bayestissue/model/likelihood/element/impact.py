@@ -23,10 +23,10 @@ from bayestissue.mechanics.elements import Element
 from bayestissue.mechanics.elements.element import impactor_share
 from bayestissue.mechanics.oscillator import spring_damper_inverse
 from bayestissue.model.likelihood import small
-from bayestissue.model.likelihood.channels import Channel, MeasuredTraces
+from bayestissue.model.likelihood.channels import MeasuredTraces, SensorTrace
 from bayestissue.model.likelihood.element import clipped, contact, noise, spring_damper
 from bayestissue.model.likelihood.element.force import force_channel
-from bayestissue.model.likelihood.element.noise import Noise
+from bayestissue.model.likelihood.element.noise import TraceNoise
 from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
 from bayestissue.model.likelihood.element.response import Response, response
 from bayestissue.model.likelihood.linear_errors import Errors, Products, draw_errors, marginal_log_likelihood
@@ -108,7 +108,7 @@ class MeasuredImpact(MeasuredTraces):
         sd = jnp.concatenate([jnp.broadcast_to(modes, (len(chain), *modes.shape)), chain], axis=-1)
         return Errors(sd, self.record.contact.uniform)
 
-    def channels(self, predicted: Response | None = None) -> list[Channel[Noise]]:
+    def channels(self, predicted: Response | None = None) -> list[SensorTrace[TraceNoise]]:
         """The deceleration and, where one was recorded, the force beside it, for contact in each cell.
 
         ``predicted`` is `response`, if it is at hand.
@@ -117,7 +117,7 @@ class MeasuredImpact(MeasuredTraces):
         deceleration = contact.channel_of(predicted, self.record, self.noise_parameters.log_sigma)
         return [deceleration, *self._of_force(predicted)]
 
-    def _of_force(self, predicted: Response) -> list[Channel[Noise]]:
+    def _of_force(self, predicted: Response) -> list[SensorTrace[TraceNoise]]:
         force, parameters = self.record.force, self.noise_parameters
         ratio, log_sigma = parameters.log_force_ratio, parameters.log_force_sigma
         if force is None or predicted.force is None or ratio is None or log_sigma is None:

@@ -31,7 +31,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_toeplitz, toeplitz
 
 from bayestissue.base.padding import bucket
-from bayestissue.model.likelihood.channels import Channel
+from bayestissue.model.likelihood.channels import SensorTrace
 from bayestissue.model.likelihood.element.record import Discrepancy
 from bayestissue.model.likelihood.element.recorder import Colour
 from bayestissue.model.likelihood.linear_errors import Products
@@ -54,7 +54,7 @@ _NODES = 24
 Correlation = Callable[[Int[np.ndarray, " lag"]], Float[np.ndarray, " lag"]]
 
 
-class Noise(NamedTuple):
+class TraceNoise(NamedTuple):
     """The noise of one trace over its sigma, or with impacts along all first axes that of many.
 
     Attributes:
@@ -67,7 +67,7 @@ class Noise(NamedTuple):
     predictor: Float[Array, " lag"]
 
     @classmethod
-    def of(cls, inside: Bool[Array, "impact row"], colour: Colour, rate: Int[Array, " impact"]) -> Noise:
+    def of(cls, inside: Bool[Array, "impact row"], colour: Colour, rate: Int[Array, " impact"]) -> TraceNoise:
         """Of every impact, on every k-th sample: see `Colour.stride`."""
         return cls(inside[:, :: colour.stride], colour.first[rate], colour.predictor[rate])
 
@@ -101,15 +101,15 @@ class Noise(NamedTuple):
         return -2 * (of_first + jnp.maximum(count - size, 0) * jnp.log(self.predictor[0]))
 
 
-def products(channel: Channel[Noise]) -> Products:
+def products(channel: SensorTrace[TraceNoise]) -> Products:
     """Of a channel's residual and columns."""
     white = channel.over_noise(channel.parts())
     return products_under(channel.noise, jnp.einsum("icar,icbr->abci", white, white), channel.log_sigma)
 
 
-def products_under(noise: Noise, gram: Any, log_sigma: Float[Array, " impact"]) -> Products:
+def products_under(noise: TraceNoise, gram: Any, log_sigma: Float[Array, " impact"]) -> Products:
     """Of what the products are under T^-1, rows of entries [cell, impact]."""
-    log_determinant = jax.vmap(Noise.log_determinant)(noise)
+    log_determinant = jax.vmap(TraceNoise.log_determinant)(noise)
     return Products.of_unit_noise(gram, log_determinant, noise.inside.sum(-1), log_sigma)
 
 

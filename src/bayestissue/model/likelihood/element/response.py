@@ -57,7 +57,7 @@ class Response(NamedTuple):
     force: Response | None = None
 
 
-class Motion(NamedTuple):
+class ElementMotion(NamedTuple):
     """The element's own motion at the samples, also past a row's end.
 
     Attributes:
@@ -76,22 +76,22 @@ def motion(
     parameters: Float[Array, "parameter impact"],
     record: DecelerationRecord,
     velocity: Float[Array, " impact"],
-) -> Motion:
+) -> ElementMotion:
     """The impact at ``velocity`` [m/s], contact as the record has it; other arguments as of `response`."""
     first, late = _after_contact(record) if record.lead else (record.first_time, jnp.zeros(()))
     sensor = _Sensor(_collision(element, parameters, record, velocity), record)
     if record.uneven is not None:
-        return Motion(*sensor.at_times(record.time())[:3])
+        return ElementMotion(*sensor.at_times(record.time())[:3])
     x, v, d, _ = sensor.on_grid(first, record.dt, record.d.shape[1])
     if not record.lead:
-        return Motion(x, v, d)
+        return ElementMotion(x, v, d)
     # In flight until contact.
     index = jnp.arange(record.d.shape[1]) - late[:, None]
     x, v, d = (jnp.take_along_axis(part, jnp.maximum(index, 0), axis=1) for part in (x, v, d))
     since = jnp.minimum(first[:, None] + index * record.dt[:, None], 0.0)
     flies, speed, fall = index < 0, velocity[:, None], record.gravity[:, None]
     here = speed * since + fall * since**2 / 2
-    return Motion(
+    return ElementMotion(
         jnp.where(flies, here, x), jnp.where(flies, speed + fall * since, v), jnp.where(flies, 0.0, d)
     )
 
