@@ -6,13 +6,13 @@ import inspect
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Self, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict, model_validator
 
 from bayestissue.base.declarations import described
 from bayestissue.base.errors import InputError, Problem
@@ -37,6 +37,27 @@ class Table(BaseModel):
         """Give each key what the docstring says of it."""
         for key, meaning in described(cls.__doc__, "Attributes")[1].items():
             cls.model_fields[key].description = meaning
+
+    def contradictions(self) -> Iterator[str]:
+        """What is expected of its values together and does not hold; the first is said."""
+        yield from ()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for expected in self.contradictions():
+            raise ValueError(expected)
+        return self
+
+
+def only(holds: Callable[[Any], object], expected: str) -> AfterValidator:
+    """Refuses a value of which ``holds`` is false; ``expected`` says what it may be."""
+
+    def validated(value: Any) -> Any:
+        if not holds(value):
+            raise ValueError(expected)
+        return value
+
+    return AfterValidator(validated)
 
 
 # An argument of a function, its name apart, and what it means: see `bayestissue.base.declarations.taking`.

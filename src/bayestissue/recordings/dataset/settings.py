@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, LiteralString, Self, get_args
@@ -24,7 +24,7 @@ from pydantic_core import PydanticCustomError
 
 from bayestissue.base.errors import InputError, Problem, has_control_characters
 from bayestissue.base.literature import SITES
-from bayestissue.base.settings import Argument, Table, argument, checked, parse_toml, read_text
+from bayestissue.base.settings import Argument, Table, argument, checked, only, parse_toml, read_text
 from bayestissue.recordings.dataset.dialect import Stated
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
 from bayestissue.recordings.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
@@ -56,41 +56,11 @@ _OF_FILES = {
 _GRAVITIES = {"none": 0.0, "drop": STANDARD_GRAVITY}
 
 
-def _not_zero(value: float) -> float:
-    if value == 0:
-        raise ValueError("a number other than 0")
-    return value
-
-
-def _plain(value: str) -> str:
-    if has_control_characters(value) or not value.strip():
-        raise ValueError("a name on one line, without control characters")
-    return value
-
-
-def _noun(value: str) -> str:
-    if any(sign in value for sign in '<>&"'):
-        raise ValueError('a noun without < > & and "')
-    return value
-
-
-def _on_earth(value: float) -> float:
-    if abs(value) > PLAUSIBLE.most_gravity:
-        raise ValueError(f"a number of m/s² from -{PLAUSIBLE.most_gravity:g} to {PLAUSIBLE.most_gravity:g}")
-    return value
-
-
 def _fraction(value: float) -> float:
     most = PLAUSIBLE.most_sd
     if value >= most:
         meant = f"; {value:g} %, if that is meant, is {value / 100:g}" if value < 100 * most else ""
         raise ValueError(f"a fraction below {most:g}{meant}")
-    return value
-
-
-def _known_site(value: str) -> str:
-    if value and value not in SITES:
-        raise ValueError(f"one of {', '.join(SITES)}, or no site where none of them was hit")
     return value
 
 
@@ -106,30 +76,42 @@ def _listed(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _one(channels: tuple[Any, ...]) -> tuple[Any, ...]:
-    if len(channels) > 1:
-        raise ValueError("one table [[channel]]: a force beside the first channel")
-    return channels
-
-
-def _stretch(ends: tuple[float, ...]) -> tuple[float, ...]:
-    if len(ends) != 2 or not -math.inf < ends[0] < ends[1] < math.inf:
-        raise ValueError("two numbers [start, stop], the first the smaller")
-    return ends
-
-
-def _table_name(value: str) -> str:
-    if Path(value).name != value or not value.endswith((".csv", ".csv.gz", ".xlsx", ".parquet")):
-        raise ValueError("the name of a .csv, .csv.gz, .xlsx or .parquet file in the dataset's folder")
-    return value
-
-
+_ON_ONE_LINE = only(
+    lambda text: text.strip() and not has_control_characters(text),
+    "a name on one line, without control characters",
+)
+_TABLES = (".csv", ".csv.gz", ".xlsx", ".parquet")
 Name = Annotated[str, Field(min_length=1)]
-Noun = Annotated[Name, Field(max_length=40), AfterValidator(_plain), AfterValidator(_noun)]
+ShortName = Annotated[Name, Field(max_length=40), _ON_ONE_LINE]
+Noun = Annotated[ShortName, only(lambda text: set(text).isdisjoint('<>&"'), 'a noun without < > & and "')]
+TableName = Annotated[
+    Name,
+    only(
+        lambda name: Path(name).name == name and name.endswith(_TABLES),
+        "the name of a .csv, .csv.gz, .xlsx or .parquet file in the dataset's folder",
+    ),
+]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Factor = Annotated[Finite, only(bool, "a number other than 0")]
+Limit = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[Spread, AfterValidator(_fraction)]
-Gravity = Literal["none", "drop"] | Annotated[Finite, AfterValidator(_on_earth)]
+OnEarth = Annotated[
+    Finite,
+    only(
+        lambda value: abs(value) <= PLAUSIBLE.most_gravity,
+        f"a number of m/s² from -{PLAUSIBLE.most_gravity:g} to {PLAUSIBLE.most_gravity:g}",
+    ),
+]
+Gravity = Literal["none", "drop"] | OnEarth
+Stretch = Annotated[
+    tuple[float, ...],
+    BeforeValidator(_listed),
+    only(
+        lambda ends: len(ends) == 2 and -math.inf < ends[0] < ends[1] < math.inf,
+        "two numbers [start, stop], the first the smaller",
+    ),
+]
 Zero = Literal["free_fall", "rest"]
 
 
@@ -174,13 +156,13 @@ class SignalSettings(Stated):
     value_column: Name = "value"
     time_column: Name = "time_s"
     time_unit: Name = "s"
-    scale: Annotated[Finite, AfterValidator(_not_zero)] = 1.0
+    scale: Factor = 1.0
     offset: Finite = 0.0
-    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    limit: Limit | None = None
     gravity: Gravity = "none"
     zero: Zero = "free_fall"
     contact: Contact | None = None
-    crop: Annotated[tuple[float, ...], BeforeValidator(_listed), AfterValidator(_stretch)] | None = None
+    crop: Stretch | None = None
 
     @field_validator("unit", "time_unit")
     @classmethod
@@ -254,13 +236,12 @@ class LowPassFilter(_Table):
             return {**_meaning(stated["sae_class"]), **stated}
         return stated
 
-    @model_validator(mode="after")
-    def _either(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """A corner must be stated, once."""
         if not self.low_pass_hz:
-            raise ValueError("low_pass_hz, or sae_class")
+            yield "low_pass_hz, or sae_class"
         if self.sae_class and any(getattr(self, k) != v for k, v in _meaning(self.sae_class).items()):
-            raise ValueError("sae_class by itself, since it says corner, order, kind and direction")
-        return self
+            yield "sae_class by itself, since it says corner, order, kind and direction"
 
     @model_serializer(mode="wrap")
     def _by_class(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -310,16 +291,16 @@ class ChannelSettings(_Table):
             through. That of the first channel does not hold for it.
     """
 
-    name: Annotated[Name, Field(max_length=40), AfterValidator(_plain)]
+    name: ShortName
     quantity: ChannelQuantity
     place: Place
     unit: Name
-    file: Annotated[Name, AfterValidator(_table_name)] | None = None
+    file: TableName | None = None
     value_column: Name | None = None
     time_column: Name | None = None
-    scale: Annotated[Finite, AfterValidator(_not_zero)] = 1.0
+    scale: Factor = 1.0
     offset: Finite = 0.0
-    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    limit: Limit | None = None
     time_offset_s: Finite = 0.0
     relative_gain_sd: Fraction = 0.0
     tip_mass_kg: Spread = 0.0
@@ -330,13 +311,12 @@ class ChannelSettings(_Table):
     def _measures(cls, unit: str, info: ValidationInfo) -> str:
         return _measuring(unit, CHANNEL_DIMENSIONS.get(info.data.get("quantity", "")), "unit.channel")
 
-    @model_validator(mode="after")
-    def _somewhere(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """Its values must stand somewhere, and a tip be before its sensor."""
         if self.file is None and self.value_column is None:
-            raise ValueError("value_column, or file, which say where its values are")
+            yield "value_column, or file, which say where its values are"
         if self.tip_mass_kg and self.place == "base":
-            raise ValueError('tip_mass_kg only beside place = "impactor"')
-        return self
+            yield 'tip_mass_kg only beside place = "impactor"'
 
     def as_signal(self, first: SignalSettings) -> SignalSettings:
         """The settings by which its recordings are read: those of the first channel but for its own."""
@@ -409,12 +389,11 @@ class WordSettings(_Table):
     impact: Noun | None = None
     impacts: Noun | None = None
 
-    @model_validator(mode="after")
-    def _one_first(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """A plural must have its singular."""
         for key in ("subject", "trial", "impact"):
             if getattr(self, f"{key}s") is not None and getattr(self, key) is None:
-                raise ValueError(f"{key} beside {key}s")
-        return self
+                yield f"{key} beside {key}s"
 
     def values(self) -> dict[str, str]:
         """The nouns that are stated, by key."""
@@ -437,18 +416,25 @@ class Settings(_Table):
         words: what pages, papers and messages call the units of the study.
     """
 
-    name: Annotated[Name, AfterValidator(_plain)]
+    name: Annotated[Name, _ON_ONE_LINE]
     description: str = ""
     licence: str = ""
     source: str = ""
-    site: Annotated[str, AfterValidator(_known_site)] = Field(
+    site: Annotated[
+        str,
+        only(("", *SITES).__contains__, f"one of {', '.join(SITES)}, or no site where none of them was hit"),
+    ] = Field(
         default="",
         description="what was hit, so that the report holds this study against published values of the same: "
         f"{'; '.join(f'{name}, {words}' for name, words in SITES.items())}. Left out, values of any site are "
         "shown whose mass and velocity compare.",
     )
     signal: SignalSettings
-    channel: Annotated[tuple[ChannelSettings, ...], BeforeValidator(_listed), AfterValidator(_one)] = ()
+    channel: Annotated[
+        tuple[ChannelSettings, ...],
+        BeforeValidator(_listed),
+        only(lambda channels: len(channels) < 2, "one table [[channel]]: a force beside the first channel"),
+    ] = ()
     uncertainty: Uncertainty = Uncertainty()
     recorder: LowPassFilter | None = None
     impactor: ImpactorSettings = ImpactorSettings()
@@ -468,13 +454,10 @@ class Settings(_Table):
         """Whether every impact must state its velocity at contact."""
         return self.signal.quantity != "displacement"
 
-    @model_validator(mode="after")
-    def _of_decelerations(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """A low-pass must be of decelerations."""
         if self.recorder is not None and self.signal.quantity == "displacement":
-            raise ValueError(
-                "no table [recorder] beside displacements, whose likelihoods have no place for a low-pass"
-            )
-        return self
+            yield "no table [recorder] beside displacements, whose likelihoods have no place for a low-pass"
 
 
 def keys() -> dict[str, FieldInfo]:

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field
 
 from bayestissue.base import runtime
-from bayestissue.base.settings import Table, checked, parse_toml, read_text
+from bayestissue.base.settings import Table, checked, only, parse_toml, read_text
 from bayestissue.recordings.dataset.settings import Gravity, LowPassFilter, WordSettings
 from bayestissue.studies.planning.population import BLOCK, PlannedPopulation
-from bayestissue.studies.simulation.specification import (
-    Condition,
-    Factor,
-    Positive,
-    RecordedDeceleration,
-    require_samples_to_filter,
-)
+from bayestissue.studies.simulation.specification import Condition, Factor, Positive, RecordedDeceleration
 
 Minutes = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]
@@ -69,10 +63,11 @@ class PlannedFactor(Factor):
         return not self.of_people
 
 
-def _with_noise(recording: RecordedDeceleration) -> RecordedDeceleration:
-    if not (recording.noise_sd_m_s2 or recording.noise_relative_to_peak):
-        raise ValueError("noise_sd_m_s2 or noise_relative_to_peak above 0, as every recorder has noise")
-    return recording
+def _has_noise(recording: RecordedDeceleration) -> bool:
+    return bool(recording.noise_sd_m_s2 or recording.noise_relative_to_peak)
+
+
+_NOISE = "noise_sd_m_s2 or noise_relative_to_peak above 0, as every recorder has noise"
 
 
 class PlannedRecorder(RecordedDeceleration):
@@ -84,7 +79,11 @@ class PlannedRecorder(RecordedDeceleration):
 
     name: Annotated[str, Field(min_length=1)]
 
-    _noise = model_validator(mode="after")(_with_noise)
+    def contradictions(self) -> Iterator[str]:
+        """A recorder has noise."""
+        yield from super().contradictions()
+        if not _has_noise(self):
+            yield _NOISE
 
 
 class Candidates(Table):
@@ -117,28 +116,27 @@ class Candidates(Table):
     lost: Share = 0.0
     lost_people: Share = 0.0
 
-    @model_validator(mode="after")
-    def _distinct(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """Designs are of some masses, told apart by names, and not too many or too large."""
         if not (self.masses_kg or self.conditions):
-            raise ValueError("masses_kg, or a list of [[candidates.conditions]]")
+            yield "masses_kg, or a list of [[candidates.conditions]]"
         for what, named in (("factor", self.factors), ("recorder", self.recorders)):
             if len({one.name for one in named}) < len(named):
-                raise ValueError(f"a different name of each {what}")
+                yield f"a different name of each {what}"
         sets = len(self.masses_kg) * len(self.velocities_m_s) + bool(self.conditions)
         count = sets * len(self.people) * len(self.repeats) * max(len(self.recorders), 1)
         if count > MOST_DESIGNS:
-            raise ValueError(f"at most {MOST_DESIGNS} designs, and not the {count} of these lists")
+            yield f"at most {MOST_DESIGNS} designs, and not the {count} of these lists"
         conditions = [len(m) * len(v) for m in self.masses_kg for v in self.velocities_m_s]
         levels = [len(factor.levels) for factor in self.factors if factor.every and factor.within]
         of_person = max([*conditions, len(self.conditions)]) * math.prod(levels) * max(self.repeats)
         if (people := max(self.people)) > MOST_PEOPLE:
-            raise ValueError(f"at most {MOST_PEOPLE} people in a design, and not {people}")
+            yield f"at most {MOST_PEOPLE} people in a design, and not {people}"
         if (impacts := people * of_person) > MOST_IMPACTS:
-            raise ValueError(
+            yield (
                 f"at most {MOST_IMPACTS} impacts in a design, and not {people} people with {of_person} each, "
                 f"which are {impacts}"
             )
-        return self
 
 
 class After(Table):
@@ -170,11 +168,10 @@ class Precision(Table):
     half_width: Positive | None = None
     relative: Positive | None = None
 
-    @model_validator(mode="after")
-    def _one(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """One of the two is given."""
         if (self.half_width is None) == (self.relative is None):
-            raise ValueError("one of half_width and relative")
-        return self
+            yield "one of half_width and relative"
 
 
 class Cost(Table):
@@ -243,7 +240,7 @@ class PlanSpecification(Table):
     formula: dict[str, str] = Field(default_factory=dict)
     reference_mass_kg: Positive | None = None
     candidates: Candidates
-    recording: RecordedDeceleration = USUAL
+    recording: Annotated[RecordedDeceleration, only(_has_noise, _NOISE)] = USUAL
     recorder: LowPassFilter | None = None
     gravity: Gravity = "none"
     population: PlannedPopulation = PlannedPopulation()
@@ -255,23 +252,16 @@ class PlanSpecification(Table):
     cost: Cost = Cost()
     goal: Aim = Aim()
 
-    @model_validator(mode="after")
-    def _asks(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """Something is asked, of recorders that can record it."""
         if not (self.questions or self.precision):
-            raise ValueError("a claim in [questions], or a number in [precision]")
+            yield "a claim in [questions], or a number in [precision]"
         if twice := sorted(set(self.questions) & set(self.precision)):
-            raise ValueError(f"a name for each goal; in [questions] and [precision]: {', '.join(twice)}")
-        return self
-
-    _noise = field_validator("recording")(_with_noise)
-
-    @model_validator(mode="after")
-    def _has_samples_to_filter(self) -> Self:
+            yield f"a name for each goal; in [questions] and [precision]: {', '.join(twice)}"
         if self.candidates.recorders and "recording" in self.model_fields_set:
-            raise ValueError("either [recording] or [[candidates.recorders]]")
+            yield "either [recording] or [[candidates.recorders]]"
         for recording in self.recordings.values():
-            require_samples_to_filter(self.recorder, recording)
-        return self
+            yield from recording.unfit_for(self.recorder)
 
     @property
     def recordings(self) -> dict[str, RecordedDeceleration]:

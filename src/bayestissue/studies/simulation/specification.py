@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field
 
 from bayestissue.base import runtime
-from bayestissue.base.settings import Table, checked, read_toml
+from bayestissue.base.settings import Table, checked, only, read_toml
 from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.model.hierarchy.priors import term_of_group, term_of_slope
-from bayestissue.recordings.dataset.settings import Contact, Finite, Gravity, LowPassFilter, Place, Spread
+from bayestissue.recordings.dataset.settings import (
+    Contact,
+    Finite,
+    Gravity,
+    LowPassFilter,
+    Name,
+    Place,
+    Spread,
+)
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _NUMBERS = ("mass_kg", "velocity_m_s", "energy_J")
@@ -31,27 +40,38 @@ class Condition(Table):
         diameter_m: of the impactor, for the element hunt_crossley.
     """
 
-    trial: Annotated[str, Field(min_length=1)]
+    trial: Name
     mass_kg: Positive | None = None
     velocity_m_s: Positive | None = None
     energy_J: Positive | None = None
     diameter_m: Positive | None = None
 
-    @model_validator(mode="after")
-    def _two_of_three(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """Two of the three are given."""
         if sum(value is None for value in (self.mass_kg, self.velocity_m_s, self.energy_J)) != 1:
-            raise ValueError("two of mass_kg, velocity_m_s and energy_J, as the third follows from E = ½MV²")
-        return self
+            yield "two of mass_kg, velocity_m_s and energy_J, as the third follows from E = ½MV²"
 
     def mass_and_velocity(self) -> tuple[float, float]:
         """M in kg and V in m/s."""
-        if self.mass_kg and self.velocity_m_s:
-            return self.mass_kg, self.velocity_m_s
-        energy = self.energy_J or 0.0
-        if self.mass_kg:
-            return self.mass_kg, float(np.sqrt(2 * energy / self.mass_kg))
-        velocity = self.velocity_m_s or 1.0
-        return 2 * energy / velocity**2, velocity
+        energy, velocity = self.energy_J or 0.0, self.velocity_m_s
+        mass = self.mass_kg or 2 * energy / (velocity or 1.0) ** 2
+        return mass, velocity or float(np.sqrt(2 * energy / mass))
+
+
+def _counted(levels: Any) -> Any:
+    return [str(number + 1) for number in range(levels)] if type(levels) is int else levels
+
+
+# In a table of impacts an empty cell is no category.
+Levels = Annotated[
+    tuple[str, ...],
+    Field(min_length=2),
+    BeforeValidator(_counted),
+    only(
+        lambda levels: all(level.strip() for level in levels) and len(set(levels)) == len(levels),
+        "levels with a name each, no two alike",
+    ),
+]
 
 
 class Factor(Table):
@@ -64,29 +84,9 @@ class Factor(Table):
             levels about equally often.
     """
 
-    name: Annotated[str, Field(min_length=1)]
-    levels: Annotated[tuple[str, ...], Field(min_length=2)]
+    name: Annotated[Name, only(lambda name: name not in _COLUMNS, f"another name than {', '.join(_COLUMNS)}")]
+    levels: Levels
     every: bool = True
-
-    @field_validator("levels", mode="before")
-    @classmethod
-    def _counted(cls, levels: Any) -> Any:
-        return [str(number + 1) for number in range(levels)] if type(levels) is int else levels
-
-    @field_validator("levels")
-    @classmethod
-    def _named(cls, levels: tuple[str, ...]) -> tuple[str, ...]:
-        # In a table of impacts an empty cell is no category.
-        if not all(level.strip() for level in levels) or len(set(levels)) < len(levels):
-            raise ValueError("levels with a name each, no two alike")
-        return levels
-
-    @field_validator("name")
-    @classmethod
-    def _new(cls, name: str) -> str:
-        if name in _COLUMNS:
-            raise ValueError(f"another name than {', '.join(_COLUMNS)}")
-        return name
 
 
 class StudyDesign(Table):
@@ -105,15 +105,12 @@ class StudyDesign(Table):
     factors: tuple[Factor, ...] = ()
     repeats: Annotated[int, Field(ge=1)] = 1
 
-    @model_validator(mode="after")
-    def _distinct(self) -> Self:
-        factors = [factor.name for factor in self.factors]
-        if len(set(factors)) < len(factors):
-            raise ValueError("a different name of each factor")
-        names = [condition.trial for condition in self.conditions or ()]
-        if len(set(names)) < len(names):
-            raise ValueError("a different name of each trial")
-        return self
+    def contradictions(self) -> Iterator[str]:
+        """Factors and trials have names of their own."""
+        factors, trials = self.factors, [condition.trial for condition in self.conditions or ()]
+        for what, names in (("factor", [factor.name for factor in factors]), ("trial", trials)):
+            if len(set(names)) < len(names):
+                yield f"a different name of each {what}"
 
 
 class Spreads(Table):
@@ -184,20 +181,19 @@ class Tissue(Table):
         groups = {term_of_group(key): pair for key, pair in self.sd_group.items()}
         return groups | {term_of_slope(key): pair for key, pair in self.sd_slope.items()}
 
-    @model_validator(mode="after")
-    def _check_element(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """There is such an element, and it has these parameters."""
         from bayestissue.mechanics.elements import element, element_names
 
         if self.element not in element_names():
-            raise ValueError(f"an element of {', '.join(element_names())}")
+            yield f"an element of {', '.join(element_names())}"
         extra = {parameter.name for parameter in element(self.element).extra}
         if set(self.parameters) != extra:
-            raise ValueError(f"parameters with the keys {', '.join(sorted(extra)) or 'none'}")
+            yield f"parameters with the keys {', '.join(sorted(extra)) or 'none'}"
         named_parameters = {name for spreads in self.spreads().values() for name, _ in spreads}
         if strange := sorted(named_parameters - {"K", "C", *extra}):
             allowed = ", ".join(["K", "C", *sorted(extra)])
-            raise ValueError(f"sd_group and sd_slope with the keys {allowed}, without {', '.join(strange)}")
-        return self
+            yield f"sd_group and sd_slope with the keys {allowed}, without {', '.join(strange)}"
 
 
 class RecordedForce(Table):
@@ -265,11 +261,19 @@ class RecordedDeceleration(Table):
     range_m_s2: Positive | None = None
     bits: Annotated[int, Field(ge=6, le=32)] | None = None
 
-    @model_validator(mode="after")
-    def _range_of_bits(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """Bits are of a range."""
         if self.bits is not None and self.range_m_s2 is None:
-            raise ValueError("range_m_s2 beside bits, since the steps divide the range")
-        return self
+            yield "range_m_s2 beside bits, since the steps divide the range"
+
+    def unfit_for(self, recorder: LowPassFilter | None) -> Iterator[str]:
+        """A digital low-pass has its corner below half of the sampling rate."""
+        most = self.sampling_rate_hz / 2
+        if recorder and recorder.digital and recorder.low_pass_hz >= most:
+            yield (
+                f'a digital low-pass below {most:g} Hz, half of the sampling rate, or applied = "analog", '
+                f"beside its corner of {recorder.low_pass_hz:g} Hz"
+            )
 
 
 class Recording(RecordedDeceleration):
@@ -286,16 +290,6 @@ class Recording(RecordedDeceleration):
     force: RecordedForce | None = None
 
 
-def require_samples_to_filter(recorder: LowPassFilter | None, recording: RecordedDeceleration) -> None:
-    """Raise a ValueError where a digital low-pass has its corner above half of the sampling rate."""
-    most = recording.sampling_rate_hz / 2
-    if recorder and recorder.digital and recorder.low_pass_hz >= most:
-        raise ValueError(
-            f'a digital low-pass below {most:g} Hz, half of the sampling rate, or applied = "analog", '
-            f"beside its corner of {recorder.low_pass_hz:g} Hz"
-        )
-
-
 class Output(Table):
     """The trace file.
 
@@ -309,11 +303,10 @@ class Output(Table):
     float32: bool = False
     decimals: Annotated[int, Field(ge=0, le=15)] | None = None
 
-    @model_validator(mode="after")
-    def _single_precision(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """Single precision is of parquet."""
         if self.float32 and self.traces != "parquet":
-            raise ValueError('traces = "parquet" beside float32, since text has no precision of its own')
-        return self
+            yield 'traces = "parquet" beside float32, since text has no precision of its own'
 
 
 class Phantom(Table):
@@ -351,7 +344,7 @@ class Simulation(Table):
         output: the trace file.
     """
 
-    name: Annotated[str, Field(min_length=1)]
+    name: Name
     description: str = ""
     seed: Annotated[int, Field(ge=0, le=runtime.MOST_SEED)] = 0
     design: StudyDesign = StudyDesign()
@@ -363,34 +356,25 @@ class Simulation(Table):
     recorder: LowPassFilter | None = None
     output: Output = Output()
 
-    @model_validator(mode="after")
-    def _has_samples_to_filter(self) -> Self:
+    def contradictions(self) -> Iterator[str]:
+        """Filters have samples enough, a fit one reference, and group terms columns that there are."""
         force = self.recording.force
         for recorder in (self.recorder, None if force is None else force.recorder):
-            require_samples_to_filter(recorder, self.recording)
-        return self
-
-    @model_validator(mode="after")
-    def _one_reference(self) -> Self:
-        if self.phantom and self.recording.force:
-            raise ValueError("[phantom] or [recording.force], not both: a fit can use one of them")
-        return self
-
-    @model_validator(mode="after")
-    def _known_columns(self) -> Self:
+            yield from self.recording.unfit_for(recorder)
+        if self.phantom and force:
+            yield "[phantom] or [recording.force], not both: a fit can use one of them"
         known = ("subject", "trial", *(factor.name for factor in self.design.factors))
         strange = {name for term in self.tissue.spreads() for name in term.factors if name not in known}
         if strange:
-            raise ValueError(
+            yield (
                 f"tissue.sd_group and tissue.sd_slope of levels of {', '.join(known)}, without "
                 f"{', '.join(sorted(strange))}; further columns are [[design.factors]]"
             )
         slopes = {term.slope for term in self.tissue.spreads()} - {"", MASS_TERM, *_NUMBERS}
         if slopes:
-            raise ValueError(
+            yield (
                 f"tissue.sd_slope on {', '.join((MASS_TERM, *_NUMBERS))}, without {', '.join(sorted(slopes))}"
             )
-        return self
 
     def conditions(self) -> pd.DataFrame:
         """One row per condition: ``trial``, ``mass_kg``, ``velocity_m_s``."""
