@@ -64,7 +64,7 @@ def thesis_table(dataset: Dataset, signal: Displacements, findings: Findings) ->
     """
     rows = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.clipped.any(axis=1)
     # Deviations from the mean of the window (section 2.3).
-    inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    inside = signal.inside
     mean = signal.x.sum(axis=1) / np.maximum(signal.n_samples, 1)
     x = np.where(inside, signal.x - mean[:, None], 0.0)
     fit = fit_points(x[rows], signal.n_samples[rows], signal.dt[rows], signal.mass[rows])

@@ -114,7 +114,7 @@ def dimensions(
 
 def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
     signal = prepared.signal
-    inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    inside = signal.inside
     return {
         "displacement": np.where(inside, signal.x, np.nan),
         "deceleration": np.where(inside, signal.deceleration, np.nan),
@@ -126,7 +126,7 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     signal, record = prepared.signal, prepared.data.record
     error_sd, first = np.asarray(record.error_sd), np.asarray(record.first_time)
     time = first[:, None] + signal.sample_number * signal.dt[:, None]
-    inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    inside = signal.inside
     has_depth = prepared.model.depends_on_depth
     return {
         **({"common_depth_m": common_depth(signal)} if has_depth else {}),

@@ -267,13 +267,9 @@ def _conditions(cells: pd.DataFrame) -> list[str]:
 
 
 def _impacts_twice(column: _Column) -> list[Problem]:
-    problems, first = [], dict[str, int]()
-    for index, (impact, row) in enumerate(zip(column.texts, column.rows, strict=True)):
-        if impact in first:
-            problems.append(column.problem(index, "impact-twice", first=first[impact]))
-        if impact:
-            first.setdefault(impact, int(row))
-    return problems
+    first = dict(zip(reversed(column.texts), reversed(column.rows), strict=True))
+    again = np.flatnonzero(pd.Index(column.texts).duplicated() & ~column.empty)
+    return [column.problem(at, "impact-twice", first=first[column.texts[at]]) for at in again]
 
 
 def _reversed(table: pd.DataFrame, columns: dict[str, _Column]) -> list[Problem]:

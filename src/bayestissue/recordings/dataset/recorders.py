@@ -147,20 +147,13 @@ def long_reading(
     labels = table.labels["impact"]
     position = {name: index for index, name in reversed(list(enumerate(impacts)))}
     codes = np.array([position.get(name, -1) for name in labels.names], int)[labels.codes]
-    order = _order(codes)
     count = np.bincount(codes[codes >= 0], minlength=len(impacts))
+    order = np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :]
+    names, text = (signal.time_column, signal.value_column), {**times.text, **readings.text}
+    time, value, start = times_of(times, signal), in_si(readings.values, signal), np.cumsum([0, *count])
+    unsorted = Samples(time, value, start, np.arange(len(impacts)), [file] * len(impacts), rows, *names, text)
     has = np.flatnonzero(count)
-    samples = Samples(
-        times_of(times, signal)[order],
-        in_si(readings.values, signal)[order],
-        np.concatenate([[0], np.cumsum(count[has])]),
-        has,
-        [file] * has.size,
-        rows[order],
-        signal.time_column,
-        signal.value_column,
-        _reordered_text({**times.text, **readings.text}, order, codes.size),
-    )
+    samples = unsorted.taken(order, has, count[has])
     missing = [
         Problem.stated("impacts-and-recordings.missing", file, None, "impact", "no samples", impact=name)
         for index, name in enumerate(impacts)
@@ -168,20 +161,6 @@ def long_reading(
         if not count[index] and name and position[name] == index
     ]
     return Reading(samples.to_their_ends, [*_unknown_impacts(file, labels, codes, rows), *missing], [])
-
-
-def _order(codes: np.ndarray) -> np.ndarray | slice:
-    if codes.size and codes[0] >= 0 and (codes[1:] >= codes[:-1]).all():
-        return slice(None)
-    return np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :]
-
-
-def _reordered_text(text: dict[int, str], order: np.ndarray | slice, rows: int) -> dict[int, str]:
-    if not text:
-        return {}
-    where = np.arange(rows)[order]
-    sites = np.flatnonzero(np.isin(where, list(text)))
-    return {int(site): text[int(where[site])] for site in sites}
 
 
 def _unknown_impacts(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -> Iterator[Problem]:

@@ -63,10 +63,11 @@ class Samples(Traces):
         files, columns = [part.file[0] for part in parts], (signal.time_column, signal.value_column)
         return cls(flat.time_s, flat.value, flat.start, impact, files, row, *columns, dict(texts))
 
-    def _taken(self, samples: np.ndarray, rows: np.ndarray, count: np.ndarray) -> Self:
+    def taken(self, samples: np.ndarray, rows: np.ndarray, count: np.ndarray) -> Self:
+        """These samples of these recordings, so many of each, in order."""
         sites = np.flatnonzero(np.isin(samples, list(self.text))) if self.text else ()
         return replace(
-            super()._taken(samples, rows, count),
+            super().taken(samples, rows, count),
             impact=self.impact[rows],
             file=[self.file[row] for row in rows],
             row=self.row[samples],

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, LiteralString, Self, get_args
 
+import numpy as np
+from jaxtyping import Float64
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -358,6 +360,10 @@ class Uncertainty(_Table):
     relative_gain_sd: Fraction = 0.0
     offset_sd: Spread = 0.0
 
+    def of_velocity(self, velocity: Float64[np.ndarray, " impact"]) -> Float64[np.ndarray, " impact"]:
+        """Of the velocity at contact over the gain, as a fraction of it: what a trace is integrated with."""
+        return np.hypot(self.velocity_sd_m_s / velocity, self.relative_gain_sd)
+
 
 class ImpactorSettings(_Table):
     """The table ``[impactor]``: what hits.
@@ -484,11 +490,11 @@ def arguments() -> dict[str, Argument]:
     return {place.rpartition(".")[2]: argument(field) for place, field in keys().items()}
 
 
-def content_of(stated: Mapping[str, Any]) -> dict[str, Any]:
+def content_of(stated: Mapping[str, Any], places: Mapping[str, str] = PLACES) -> dict[str, Any]:
     """The content of ``dataset.toml`` that arguments state, by their names; None states nothing."""
     content: dict[str, Any] = {}
     for name, value in stated.items():
-        *table, key = PLACES[name].split(".")
+        *table, key = places[name].split(".")
         if value is not None:
             (content.setdefault(table[0], {}) if table else content)[key] = plain_value(value)
     return content

@@ -103,7 +103,7 @@ class Traces(Sequence[Trace]):
             return Trace(self.time_s[here], self.value[here], clipped)
         rows = np.arange(len(self))[which]
         parts = [np.arange(self.start[row], self.start[row + 1]) for row in rows]
-        return self._taken(np.concatenate([np.empty(0, int), *parts]), rows, self.n_samples[rows])
+        return self.taken(np.concatenate([np.empty(0, int), *parts]), rows, self.n_samples[rows])
 
     def at(self, keep: Bool[np.ndarray, " sample"]) -> Self:
         """The samples for which ``keep`` holds, of the recordings that have any of them."""
@@ -111,9 +111,9 @@ class Traces(Sequence[Trace]):
             return self
         count = np.bincount(self.owner[keep], minlength=len(self))
         rows = np.flatnonzero(count)
-        return self._taken(np.flatnonzero(keep), rows, count[rows])
+        return self.taken(np.flatnonzero(keep), rows, count[rows])
 
-    def _taken(self, samples: np.ndarray, rows: np.ndarray, count: np.ndarray) -> Self:
+    def taken(self, samples: np.ndarray, rows: np.ndarray, count: np.ndarray) -> Self:
         """These samples of these recordings, so many of each, in order."""
         return replace(
             self,

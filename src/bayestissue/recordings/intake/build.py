@@ -117,11 +117,9 @@ def _of_another_force(choices: Choices, problems: Iterable[Problem]) -> tuple[Ch
     if choices.force or not unfit:
         return None
     if {problem.code for problem in unfit} == {"channel-unfit"} and "scale" not in choices.beside:
-        channel = [choices.beside | {"scale": -1.0}]
-        return choices.stating(settings=choices.settings | {"channel": channel}), []
-    settings = {name: table for name, table in choices.settings.items() if name != "channel"}
+        return choices.stating(beside=choices.beside | {"scale": -1.0}), []
     note = said("notes.unfit", channel=unfit[0].column, why=_in_terms_of_init(unfit[0]))
-    return choices.stating(settings=settings), [note]
+    return choices.stating(beside={}), [note]
 
 
 def _fit_to_use(
@@ -155,8 +153,8 @@ def _impact_name(file: Source) -> str:
 def _settings(choices: Choices, files: int) -> dict[str, Any]:
     names = f", names read as {choices.pattern}" if choices.pattern else ""
     source = f"bayestissue init, from {counted(files, 'recorder file')}{names}"
-    stated = {key: value for key, value in choices.settings.items() if value != {}}
-    return {**stated, "source": source, "signal": {**stated.get("signal", {}), **choices.text}}
+    content = choices.content()
+    return {**content, "source": source, "signal": {**content.get("signal", {}), **choices.text}}
 
 
 def _signal(settings: dict[str, Any], problems: list[Problem]) -> SignalSettings:

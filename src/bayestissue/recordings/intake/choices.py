@@ -15,7 +15,7 @@ from pydantic import Field
 from bayestissue.base.errors import InputError, Problem, refuse
 from bayestissue.base.settings import Argument, Table, argument, checked
 from bayestissue.recordings.dataset.impacts import WITHIN, in_two_levels
-from bayestissue.recordings.dataset.settings import DIMENSIONS, arguments, plain_value
+from bayestissue.recordings.dataset.settings import DIMENSIONS, arguments, content_of, plain_value
 from bayestissue.recordings.dataset.settings import PLACES as KEYS
 from bayestissue.recordings.dataset.traces import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.recordings.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
@@ -75,7 +75,8 @@ class Choices(Table):
     """What is known of a folder of recorder files besides the files.
 
     Attributes:
-        settings: a part of ``dataset.toml``.
+        keys: of ``dataset.toml``, by their options.
+        beside: the table ``[[channel]]`` of the force beside the motion; empty without one.
         pattern: how file names are read, such as "{subject}_{side}_{mass_kg}kg_{n}.lvm"; guessed from the
             names unless given. A name in braces is a column of impacts.csv; {} is what does not matter.
             mass_g, velocity_cm_s, drop_height_m, _cm and _mm are converted (v = sqrt(2 g h), for a pendulum
@@ -98,7 +99,8 @@ class Choices(Table):
         skip_bad: leave out what is wrong, and say so, instead of refusing the whole.
     """
 
-    settings: dict[str, Any] = Field(default={})
+    keys: dict[str, Any] = Field(default={})
+    beside: dict[str, Any] = Field(default={})
     pattern: str | None = None
     table: Path | None = None
     given: dict[str, str] = Field(default={})
@@ -113,28 +115,23 @@ class Choices(Table):
     def stating(self, **options: Any) -> Choices:
         """The same with these options too; None states nothing."""
         options = {name: value for name, value in options.items() if value is not None}
-        settings = {
-            name: dict(table) if isinstance(table, dict) else table for name, table in self.settings.items()
-        }
-        for name in [name for name in options if name in PLACES]:
-            *table, key = PLACES[name].split(".")
-            (settings.setdefault(table[0], {}) if table else settings)[key] = options.pop(name)
-        return self.model_copy(update={"settings": settings, **options})
+        keys = {name: options.pop(name) for name in PLACES if name in options}
+        return self.model_copy(update={"keys": self.keys | keys, **options})
 
     def stated(self, option: str) -> Any:
         """What an option states; None where it does not."""
-        *table, key = PLACES[option].split(".")
-        return (self.settings.get(table[0], {}) if table else self.settings).get(key)
+        return self.keys.get(option)
 
-    @property
-    def beside(self) -> dict[str, Any]:
-        """The table ``[[channel]]`` of the force beside the motion; empty without one."""
-        return next(iter(self.settings.get("channel", ())), {})
+    def content(self) -> dict[str, Any]:
+        """A part of ``dataset.toml``."""
+        content = content_of({option: value for option, value in self.keys.items() if value != {}}, PLACES)
+        return content | ({"channel": [self.beside]} if self.beside else {})
 
 
 def options() -> dict[str, Argument]:
     """What `choices_of` takes, with what it means: see `bayestissue.base.declarations.taking`."""
-    others = {name: argument(field) for name, field in Choices.model_fields.items() if name != "settings"}
+    further = (name for name in Choices.model_fields if name not in ("keys", "beside"))
+    others = {name: argument(Choices.model_fields[name]) for name in further}
     of_keys = {_NAMES.get(name, name): declared for name, declared in arguments().items()}
     # What is left out is not stated.
     stated = {name: (of_keys[name][0].replace(default=None), of_keys[name][1]) for name in PLACES}
@@ -242,9 +239,7 @@ def settle(
         choices = choices.stating(time_unit=_unit(channels[time], ["time"]))
     choices, asked = _measured(choices, chosen)
     questions += [*asked, *_facts_wanted(choices, facts, several=len(recordings.files) > 1)]
-    beside = {"channel": [force]} if force and choices.stated("quantity") in BESIDE_FORCE else {}
-    settings = {name: table for name, table in choices.settings.items() if name != "channel"}
-    return choices.model_copy(update={"settings": settings | beside}), questions
+    return choices.stating(beside=force if choices.stated("quantity") in BESIDE_FORCE else {}), questions
 
 
 def _answered(

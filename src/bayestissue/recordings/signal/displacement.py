@@ -129,6 +129,11 @@ class Displacements:
         return ImpactTraces(self.deceleration, self.n_samples, self.first_sample_s, self.dt, **columns)
 
     @property
+    def inside(self) -> Mask:
+        """[impact, sample], True where there is a sample."""
+        return np.arange(self.x.shape[1]) < self.n_samples[:, None]
+
+    @property
     def n_below_limit(self) -> Index:
         """[impact], samples in the window that are not at the sensor's limit."""
         return self.n_samples - (self.clipped != 0).sum(axis=1)
@@ -175,7 +180,7 @@ def displacements(
     if dataset.recorder is not None:
         # No force jumps behind a low-pass, and contact has no interval of its own.
         return _joined(signals)
-    sd = np.hypot(dataset.uncertainty.velocity_sd_m_s / velocity, dataset.uncertainty.relative_gain_sd)
+    sd = dataset.uncertainty.of_velocity(velocity)
     of_all = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
     phase = phase_of(of_all, sd, dataset.contact)
     if phase.known:

@@ -29,6 +29,7 @@ from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.dataset.settings import ChannelSettings, LowPassFilter
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES, Displacements
 from bayestissue.recordings.signal.filters import on_even_grid
+from bayestissue.recordings.signal.integration import trapezoids
 from bayestissue.recordings.signal.traces import PaddedTraces, segment_moments, stack
 
 type Times = Float[np.ndarray, "impact sample"]
@@ -197,13 +198,12 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
 def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
     """Impulse of the force against what the declared mass lost, at the samples of the displacement."""
     force, mass = stack(*dataset.further), (signal.mass - channel.tip_mass_kg)[:, None]
-    since, inside = signal.since_contact_s, np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    inside &= since >= 0
+    since = signal.since_contact_s
+    inside = signal.inside & (since >= 0)
     times = (force.start - signal.contact_time_s)[:, None] + force.time_s
     above = np.where(force.inside, force.value - _first_mean(force, signal.contact_time_s), 0.0)
     steps = np.diff(times, axis=1) * force.inside[:, 1:]
-    taken = np.pad(np.cumsum((above[:, 1:] + above[:, :-1]) / 2 * steps, axis=1), ((0, 0), (1, 0)))
-    samples, row = force.ragged(times, taken), np.arange(len(times))[:, None]
+    samples, row = force.ragged(times, trapezoids(above, steps)), np.arange(len(times))[:, None]
 
     def impulse(at: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
         return samples.interpolated(at, row)

@@ -155,8 +155,8 @@ def _blocks(recorded: Recorded, signal: Displacements, rows: Index, uncertainty:
     columns = (t, d / unit, fall * t - v, v, x, trapezoids(x, np.diff(sample_number, axis=1) * dt / to_peak))
     t, d, lost, v, x, x_integral = (means(column) for column in columns)
     weight = np.where(size > 0, 1 / sd, 0)
-    velocity_sd = np.hypot(uncertainty.velocity_sd_m_s / signal.velocity[rows], uncertainty.relative_gain_sd)
-    sds = np.hypot(velocity_sd, BEGINNING.velocity), uncertainty.offset_sd / unit[:, 0]
+    velocity_sd = np.hypot(uncertainty.of_velocity(signal.velocity[rows]), BEGINNING.velocity)
+    sds = velocity_sd, uncertainty.offset_sd / unit[:, 0]
     of_impacts = recorded.peak[rows] / unit[:, 0], signal.dt[rows] / signal.time_to_peak[rows]
     return _Blocks(t, d, lost, v, x, x_integral, weight, fall, *of_impacts, *sds)
 

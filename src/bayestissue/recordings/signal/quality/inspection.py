@@ -64,9 +64,7 @@ def inspect(dataset: Dataset, options: SignalOptions | None = None) -> Findings:
 def _velocities(dataset: Dataset, implied: Sequence[velocity.Implied]) -> list[str]:
     """What all recordings together say of the velocities, of each impact."""
     impacts = dataset.impacts
-    trial = (
-        pd.factorize(impacts["trial"].astype(str))[0] if "trial" in impacts else np.zeros(len(impacts), int)
-    )
+    trial = pd.factorize(impacts["trial"].astype(str))[0]
     falls = dataset.gravity > 0 or any(str(name).startswith("drop_height") for name in impacts)
     whole = velocity.Implied(*map(np.concatenate, zip(*implied, strict=True)))
     said = [
@@ -129,7 +127,7 @@ def _inspected(
     if part.recorder is not None:
         return
     # A law is asked of whole recordings.
-    used = (np.arange(signal.x.shape[1]) < signal.n_samples[:, None]) & (limited == 0)[:, None]
+    used = signal.inside & (limited == 0)[:, None]
     other_gravity = law.another_gravity(signal, used, recorded)
     key = "gravity.declared" if part.gravity else "gravity.undeclared"
     yield _found(key, other_gravity, law.gravity_tried(signal))

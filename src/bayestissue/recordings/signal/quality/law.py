@@ -160,7 +160,7 @@ def suspected(signal: Displacements) -> Suspected:
     Args:
         signal: decelerations from contact to zero velocity.
     """
-    used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    used = signal.inside
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
         plain = least_sum_of_squares(signal, used)

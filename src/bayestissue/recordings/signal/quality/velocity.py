@@ -90,7 +90,7 @@ def implied(signal: Displacements, recorded: Recorded, uncertainty: Uncertainty)
             part tells it.
     """
     d, n, dt, noise_sd = signal.deceleration, signal.n_samples, signal.dt, recorded.sd
-    velocity_sd = np.hypot(uncertainty.velocity_sd_m_s / signal.velocity, uncertainty.relative_gain_sd)
+    velocity_sd = uncertainty.of_velocity(signal.velocity)
     steps = np.diff(signal.sample_number, axis=1) * dt[:, None]
     first = trapezoids(d - signal.gravity[:, None], steps)
     part = signal.traces
