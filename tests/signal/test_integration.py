@@ -12,7 +12,8 @@ def rows(functions, lengths, dt):
     value = np.zeros((len(lengths), width))
     for row, (function, n) in enumerate(zip(functions, lengths, strict=True)):
         value[row, :n] = function(np.arange(n) * dt)
-    return PaddedTraces(value, np.array(lengths), np.zeros(len(lengths)), np.full(len(lengths), dt))
+    n, zero = np.array(lengths), np.zeros(len(lengths))
+    return PaddedTraces(value, n, zero, np.full(len(lengths), dt), np.zeros_like(value))
 
 
 def test_quintics_are_integrated_exactly_to_the_end_of_every_row():
@@ -63,6 +64,7 @@ def test_noise_is_told_from_the_signal_and_from_a_jump():
         np.array([2000]),
         np.zeros(1),
         np.full(1, 1e-4),
+        np.zeros((1, 2000)),
     )
     # The median of 2000 dependent absolute values is good to some 3 %; three times that.
     assert noise_sd(recordings)[0] == pytest.approx(0.4, rel=0.1)

@@ -134,8 +134,6 @@ def _movement_warnings(recordings: Recordings) -> Iterator[Problem]:
 def _clipped(recordings: Recordings) -> Iterator[Problem]:
     """Clipped recordings that no likelihood takes: see `bayestissue.model.likelihood.element.clipped`."""
     samples, moving = recordings.samples, recordings.moving
-    if samples.clipped is None:
-        return
     limited = samples.clipped != 0
     slowing = np.abs(samples.value) > PLAUSIBLE.pulse * moving.farthest[samples.owner]
     left = np.add.reduceat((slowing & ~limited).astype(int), samples.begin)

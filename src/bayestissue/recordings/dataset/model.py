@@ -229,9 +229,8 @@ class Dataset(Outlined):
 
 def _limit(traces: Traces) -> dict[str, float]:
     """The key ``limit`` of recordings that reach one."""
-    if traces.clipped is None or not traces.clipped.any():
-        return {}
-    return {"limit": float(np.abs(traces.value[traces.clipped != 0]).min())}
+    limited = np.abs(traces.value[traces.clipped != 0])
+    return {"limit": float(limited.min())} if limited.size else {}
 
 
 def long_table(impacts: pd.Index, traces: Traces) -> pd.DataFrame:

@@ -191,7 +191,7 @@ def with_limits(
     at = np.array([i for i in said if np.isinf(samples.value[i])], int)
     clipped = at_limit(samples, quantity, stated)
     if not at.size:
-        return replace(samples, clipped=clipped) if clipped.any() else samples
+        return replace(samples, clipped=clipped)
     value = samples.value.copy()
     for sign in (1, -1):
         limits = np.maximum.reduceat(np.where(np.isfinite(value), sign * value, -np.inf), samples.begin)

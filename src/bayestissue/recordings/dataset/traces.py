@@ -73,7 +73,11 @@ class Traces(Sequence[Trace]):
     time_s: Float64[np.ndarray, " sample"]
     value: Float64[np.ndarray, " sample"]
     start: Int[np.ndarray, " impact+1"]
-    clipped: Int8[np.ndarray, " sample"] | None = field(default=None, kw_only=True)
+    clipped: Int8[np.ndarray, " sample"] = field(default=None, kw_only=True)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.clipped is None:
+            object.__setattr__(self, "clipped", np.zeros(self.value.size, np.int8))
 
     @classmethod
     def of(cls, traces: Iterable[Trace | Traces]) -> Traces:
@@ -85,10 +89,8 @@ class Traces(Sequence[Trace]):
             np.concatenate([np.empty(0), *(getattr(part, name) for part in parts)])
             for name in ("time_s", "value")
         )
-        clipped = None
-        if any(part.clipped is not None for part in parts):
-            limits = [np.zeros(len(p.value), np.int8) if p.clipped is None else p.clipped for p in parts]
-            clipped = np.concatenate(limits)
+        limits = [np.zeros(len(p.value), np.int8) if p.clipped is None else p.clipped for p in parts]
+        clipped = np.concatenate([np.empty(0, np.int8), *limits])
         return cls(time, value, np.cumsum([0, *(len(part.value) for part in parts)]), clipped=clipped)
 
     def __len__(self) -> int:
@@ -99,8 +101,8 @@ class Traces(Sequence[Trace]):
         if isinstance(which, int | np.integer):
             row = range(len(self))[which]
             here = slice(self.start[row], self.start[row + 1])
-            clipped = None if self.clipped is None or not self.clipped[here].any() else self.clipped[here]
-            return Trace(self.time_s[here], self.value[here], clipped)
+            clipped = self.clipped[here]
+            return Trace(self.time_s[here], self.value[here], clipped if clipped.any() else None)
         rows = np.arange(len(self))[which]
         parts = [np.arange(self.start[row], self.start[row + 1]) for row in rows]
         return self.taken(np.concatenate([np.empty(0, int), *parts]), rows, self.n_samples[rows])
@@ -119,7 +121,7 @@ class Traces(Sequence[Trace]):
             self,
             time_s=self.time_s[samples],
             value=self.value[samples],
-            clipped=None if self.clipped is None else self.clipped[samples],
+            clipped=self.clipped[samples],
             start=np.cumsum([0, *count]),
         )
 
@@ -127,7 +129,7 @@ class Traces(Sequence[Trace]):
         """The recordings of this quantity, positive while the impactor slows or goes into the tissue."""
         if quantity != "acceleration":
             return self
-        return replace(self, value=-self.value, clipped=None if self.clipped is None else -self.clipped)
+        return replace(self, value=-self.value, clipped=-self.clipped)
 
     @property
     def n_samples(self) -> Int[np.ndarray, " impact"]:
@@ -162,8 +164,6 @@ class Traces(Sequence[Trace]):
     @property
     def limited(self) -> Bool[np.ndarray, " impact"]:
         """Which recordings have a sample at the sensor's limit."""
-        if self.clipped is None:
-            return np.zeros(len(self), bool)
         return np.logical_or.reduceat(self.clipped != 0, self.begin)
 
     @property

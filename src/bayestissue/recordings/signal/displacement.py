@@ -124,9 +124,10 @@ class Displacements:
     @property
     def traces(self) -> ImpactTraces:
         """The decelerations of the window."""
-        names = ("sample_number", "clipped", "mass", "velocity", "gravity")
+        names = ("sample_number", "mass", "velocity", "gravity")
         columns: Any = {name: getattr(self, name) for name in names}
-        return ImpactTraces(self.deceleration, self.n_samples, self.first_sample_s, self.dt, **columns)
+        rows = self.deceleration, self.n_samples, self.first_sample_s, self.dt, self.clipped
+        return ImpactTraces(*rows, **columns)
 
     @property
     def inside(self) -> Mask:
@@ -170,9 +171,8 @@ def displacements(
     def met(rows: slice) -> ImpactTraces:
         traces = motion_of(dataset.traces[rows], dataset.quantity)
         ahead = float(ahead_s(dataset.recorder, traces.dt).max())
-        clipped = np.zeros_like(traces.value) if traces.clipped is None else traces.clipped
         of_impacts = {"mass": mass[rows], "velocity": velocity[rows], "gravity": gravity[rows]}
-        return ImpactTraces(**vars(traces) | of_impacts | {"ahead_s": ahead, "clipped": clipped})
+        return ImpactTraces(**vars(traces) | of_impacts | {"ahead_s": ahead})
 
     if dataset.quantity == "displacement":
         return _joined([_recorded(met(rows), options) for rows in blocks])

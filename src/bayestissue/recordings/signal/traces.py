@@ -22,17 +22,17 @@ class PaddedTraces:
 
     For ``ahead_s`` before contact a recorder's filter that is run backwards too has an answer. Where times
     are uneven the interval is the mean one, and ``sample_number`` is the time of each sample since the first
-    in intervals, [impact, sample]; None where all are even. Where some sample stands at the sensor's
-    limit, ``clipped`` is 1 or -1 there and else 0, [impact, sample]; None where none does.
+    in intervals, [impact, sample]; None where all are even. Where a sample stands at the sensor's limit,
+    ``clipped`` is 1 or -1, and else 0, [impact, sample].
     """
 
     value: Rows
     n: Index
     start: Column
     dt: Column
+    clipped: Rows
     ahead_s: float = 0.0
     sample_number: Rows | None = None
-    clipped: Rows | None = None
 
     @property
     def sample_numbers(self) -> Rows:
@@ -73,7 +73,7 @@ class PaddedTraces:
     @property
     def at_limit(self) -> Mask:
         """True where a sample stands at the sensor's limit."""
-        return np.zeros(self.value.shape, bool) if self.clipped is None else self.clipped != 0
+        return self.clipped != 0
 
     @property
     def inside(self) -> Mask:
@@ -83,12 +83,8 @@ class PaddedTraces:
 
 @dataclass(frozen=True)
 class ImpactTraces(PaddedTraces):
-    """Traces of impacts with, of each, mass (kg), velocity at contact and gravity along it (m/s, m/s²).
+    """Traces of impacts with, of each, mass (kg), velocity at contact and gravity along it (m/s, m/s²)."""
 
-    ``clipped`` is all 0 where no sample stands at the sensor's limit.
-    """
-
-    clipped: Rows = field(kw_only=True)
     mass: Column = field(kw_only=True)
     velocity: Column = field(kw_only=True)
     gravity: Column = field(kw_only=True)
@@ -99,20 +95,15 @@ def stack(recordings: Sequence[Trace]) -> PaddedTraces:
     traces = Traces.of(recordings)
     n, dt, bent = traces.n_samples, traces.interval, traces.uneven
     inside = np.arange(int(n.max())) < n[:, None]
-    clipped = sample_number = None
-    value = np.zeros(inside.shape)
-    value[inside] = traces.value
-    if traces.clipped is not None:
-        clipped = np.zeros_like(value)
-        clipped[inside] = traces.clipped
+    sample_number = None
+    value, clipped = np.zeros(inside.shape), np.zeros(inside.shape)
+    value[inside], clipped[inside] = traces.value, traces.clipped
     if bent.any():
         sample_number = np.tile(np.arange(int(n.max()), dtype=float), (len(n), 1))
         for row in np.flatnonzero(bent).tolist():
             time = traces[row].time_s
             sample_number[row, : n[row]] = (time - time[0]) / dt[row]
-    return PaddedTraces(
-        value, n, traces.time_s[traces.begin], dt, sample_number=sample_number, clipped=clipped
-    )
+    return PaddedTraces(value, n, traces.time_s[traces.begin], dt, clipped, sample_number=sample_number)
 
 
 def last_where(condition: Mask) -> Index:
@@ -134,7 +125,7 @@ def at(values: Rows, index: Index) -> Column:
 
 def from_sample[T: PaddedTraces](recordings: T, first: Index) -> T:
     """Each recording from its sample ``first`` on; the padding repeats the last value."""
-    n, clipped, sample_number = np.maximum(recordings.n - first, 1), recordings.clipped, None
+    n, sample_number = np.maximum(recordings.n - first, 1), None
     index = first[:, None] + np.minimum(np.arange(int(n.max())), n[:, None] - 1)
     since = recordings.sample_number_of(first)
     if recordings.sample_number is not None:
@@ -146,7 +137,7 @@ def from_sample[T: PaddedTraces](recordings: T, first: Index) -> T:
         n=n,
         start=recordings.start + since * recordings.dt,
         sample_number=sample_number,
-        clipped=None if clipped is None else np.take_along_axis(clipped, index, axis=1),
+        clipped=np.take_along_axis(recordings.clipped, index, axis=1),
     )
 
 

@@ -24,7 +24,7 @@ from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.recordings.dataset import write_dataset
 from bayestissue.recordings.dataset.impacts import REFERENCE
-from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.recordings.dataset.model import Dataset, long_table
 from bayestissue.recordings.dataset.settings import LowPassFilter, Settings, gravity_m_s2
 from bayestissue.recordings.dataset.traces import Traces
 from bayestissue.recordings.signal.filters import decay, on_even_grid
@@ -67,22 +67,21 @@ class Campaign:
 
     def traces(self) -> pd.DataFrame:
         """The long trace table: ``impact``, ``time_s``, ``value`` and, where it was recorded, ``force_N``."""
-        codes = np.repeat(np.arange(len(self.n_samples)), self.n_samples)
-        names = pd.Categorical.from_codes(codes, categories=pd.Index(self.impacts["impact"]))
-        force = {} if self.force is None else {FORCE_COLUMN: self.force}
-        return pd.DataFrame({"impact": names, "time_s": self.time, "value": self.value, **force})
+        table = long_table(pd.Index(self.impacts["impact"]), self._recorded(self.value))
+        return table if self.force is None else table.assign(**{FORCE_COLUMN: self.force})
+
+    def _recorded(self, value: Float[np.ndarray, " sample"], **further: Any) -> Traces:
+        return Traces(self.time, value, np.cumsum([0, *self.n_samples]), **further)
 
     def dataset(self, name: str) -> Dataset:
         """The campaign as a dataset, as if it had been written and read, without a folder or a hash."""
-        start = np.cumsum([0, *self.n_samples])
         settings = self.settings.in_si().model_copy(update={"name": name})
-        data = Dataset(settings, self.impacts, Traces(self.time, self.value, start))
+        data = Dataset(settings, self.impacts, self._recorded(self.value))
         if self.force is None:
             return data
         limit = self.settings.channel[0].limit or np.inf
         clipped = np.where(np.abs(self.force) >= limit, np.sign(self.force), 0).astype(np.int8)
-        forces = Traces(self.time, self.force, start, clipped=clipped if clipped.any() else None)
-        return replace(data, further=(forces,))
+        return replace(data, further=(self._recorded(self.force, clipped=clipped),))
 
 
 def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
@@ -152,7 +151,9 @@ def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
     sample = np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)
     force = simulation.recording.force
     if force is not None:
-        truth = truth.assign(**_of_force(force, len(truth), random.forces))
+        # Of its channel the gain is one for all impacts.
+        truth["force_gain"] = 1 + force.relative_gain_sd * random.forces.standard_normal()
+        truth["force_offset_N"] = force.offset_sd_N * random.forces.standard_normal(len(truth))
     parts, of_force = zip(*_recorded(simulation, truth, n, random), strict=True)
     value = np.concatenate(parts)
     if simulation.output.decimals is not None:
@@ -190,14 +191,6 @@ def _settings(simulation: Simulation) -> Settings:
     return Settings.model_validate(content)
 
 
-def _of_force(force: RecordedForce, count: int, random: np.random.Generator) -> dict[str, Any]:
-    """Gain, one for all impacts, and zero of the force's channel."""
-    return {
-        "force_gain": 1 + force.relative_gain_sd * random.standard_normal(),
-        "force_offset_N": force.offset_sd_N * random.standard_normal(count),
-    }
-
-
 def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFrame:
     people = pd.DataFrame({"subject": [f"s{k + 1:02d}" for k in range(simulation.design.subjects)]})
     repeats = pd.DataFrame({"repeat": np.arange(simulation.design.repeats) + 1})
@@ -218,17 +211,8 @@ def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFram
     rate = simulation.recording.sampling_rate_hz
     table = impacts.drop(columns="repeat").assign(impact=names, energy_J=energy, sampling_rate_hz=rate)
     factors = [factor.name for factor in simulation.design.factors]
-    columns = [
-        "impact",
-        "subject",
-        "trial",
-        *factors,
-        "mass_kg",
-        "velocity_m_s",
-        "energy_J",
-        "sampling_rate_hz",
-    ]
-    return table[columns + ["diameter_m"] * ("diameter_m" in table)]
+    last = [name for name in ("energy_J", "sampling_rate_hz", "diameter_m") if name in table]
+    return table[["impact", "subject", "trial", *factors, "mass_kg", "velocity_m_s", *last]]
 
 
 def _truth(simulation: Simulation, impacts: pd.DataFrame, random: _Streams) -> pd.DataFrame:
@@ -273,13 +257,9 @@ def _truth(simulation: Simulation, impacts: pd.DataFrame, random: _Streams) -> p
 
 
 def _effects(tissue: Tissue, impacts: pd.DataFrame, random: np.random.Generator) -> dict[str, np.ndarray]:
-    levels = {
-        "subject": pd.factorize(impacts["subject"])[0],
-        "trial": pd.factorize(impacts["trial"])[0],
-        "impact": np.arange(len(impacts)),
-    }
     effects: dict[str, np.ndarray] = {"K": np.zeros(len(impacts)), "C": np.zeros(len(impacts))}
-    for level, codes in levels.items():
+    for level in ("subject", "trial", "impact"):
+        codes, _ = pd.factorize(impacts[level])
         standard = random.standard_normal((codes.max() + 1, 2)) @ _mixing(tissue).T
         for column, name in enumerate(("K", "C")):
             effect = getattr(tissue, f"sd_{level}_{name}") * standard[codes, column]
@@ -332,11 +312,7 @@ def what_is_met(simulation: Simulation, truth: pd.DataFrame) -> pd.DataFrame:
     spring and damper also has a moment of its own at which it leaves, or none.
     """
     name, gravity = simulation.tissue.element, gravity_m_s2(simulation.gravity) or None
-    p, mass, velocity = (
-        _parameters(name, truth),
-        truth["mass_kg"].to_numpy(),
-        truth["velocity_m_s"].to_numpy(),
-    )
+    p, (mass, velocity) = _parameters(name, truth), truth[["mass_kg", "velocity_m_s"]].to_numpy().T
     surroundings: Any = {"diameter": _diameter(truth), "gravity": gravity, "headform": simulation.headform}
     comes = jax.device_get(outcomes(name, p, mass, velocity, **surroundings))
     known = {column: getattr(comes, outcome) for outcome, column in HEADFORM_COLUMNS.items()}
@@ -344,7 +320,9 @@ def what_is_met(simulation: Simulation, truth: pd.DataFrame) -> pd.DataFrame:
     omega_n, zeta = map(np.asarray, spring_damper_inverse(comes.K_secant, comes.C_equivalent, moves))
     columns = {column: value for column, value in known.items() if value is not None}
     if gravity or name != SIDE_BY_SIDE:
-        columns["leaves_s"] = _until(comes.contact_duration, comes.time_to_peak)
+        # One that only fades is recorded for five times as long as it took to the peak.
+        fades = np.where(np.isfinite(comes.time_to_peak), 5 * comes.time_to_peak, _NEVER_RESTS_S)
+        columns["leaves_s"] = np.where(np.isfinite(comes.contact_duration), comes.contact_duration, fades)
     of_element = [parameter.name for parameter in element(name).extra]
     sizes = {column: truth[column] for column in (*of_element, "diameter_m") if column in truth}
     truth = truth.drop(columns=list(sizes))
@@ -358,12 +336,6 @@ def what_is_met(simulation: Simulation, truth: pd.DataFrame) -> pd.DataFrame:
             "energy_lost": comes.energy_lost,
         }
     return truth.assign(**columns)
-
-
-def _until(end: np.ndarray, peak: np.ndarray) -> np.ndarray:
-    """When the force ends; one that only fades is recorded for five times as long as it took to the peak."""
-    fades = np.where(np.isfinite(peak), 5 * peak, _NEVER_RESTS_S)
-    return np.where(np.isfinite(end), end, fades)
 
 
 def leaves(truth: pd.DataFrame) -> Float[np.ndarray, " impact"]:
@@ -474,11 +446,10 @@ class _Chain(NamedTuple):
         value = (gain * exact + offset)[recorded] + np.repeat(sd[:, 0], recorded.sum(axis=1)) * noise
         if self.limit is None:
             return value
-        value = np.clip(value, -self.limit, self.limit)
-        if self.bits is None:
-            return value
-        step = 2 * self.limit / 2**self.bits
-        return np.clip(np.round(value / step) * step, -self.limit, self.limit)
+        if self.bits is not None:
+            step = 2 * self.limit / 2**self.bits
+            value = np.round(np.clip(value, -self.limit, self.limit) / step) * step
+        return np.clip(value, -self.limit, self.limit)
 
 
 def _chains(simulation: Simulation) -> tuple[_Chain, _Chain | None]:
