@@ -186,6 +186,29 @@ def error_line(error: BaseException) -> str:
     return (str(error).splitlines() or [""])[0] or type(error).__name__
 
 
+@contextmanager
+def decoded(
+    kind: str, label: str, *, spared: tuple[type[BaseException], ...] = (), **words: str
+) -> Iterator[None]:
+    """A block that takes a file apart, in which damaged bytes can fail anywhere.
+
+    Args:
+        kind: of the file, as the message ``damaged-file`` has it.
+        label: what to call it.
+        spared: what is no sign of damage, besides what always is none.
+        words: in the message.
+
+    Raises:
+        InputError: whatever failed. A decoder may be another language's and panic, which is no `Exception`.
+    """
+    try:
+        yield
+    except (InputError, KeyboardInterrupt, SystemExit, *spared):
+        raise
+    except BaseException as error:
+        raise InputError.stated(f"damaged-file.{kind}", label, value=error_line(error), **words) from error
+
+
 def require_lines(data: bytes, label: str) -> None:
     """Refuse a text of UTF-8 whose first line is longer than any line of column names."""
     line, longest = re.split(rb"[\r\n]", data[: FILES.longest_line], maxsplit=1)[0], FILES.longest_line
@@ -315,20 +338,13 @@ def sheet_text(data: bytes, label: str, sheet: str = "") -> tuple[str, bytes]:
 def _opened(data: bytes, label: str) -> Iterator[CalamineWorkbook]:
     from python_calamine import CalamineWorkbook
 
-    try:
+    with decoded("workbook", label, spared=(MemoryError,)):
         with zipfile.ZipFile(io.BytesIO(data)) as packed:
             size = sum(member.file_size for member in packed.infolist())
             if "xl/workbook.xml" not in packed.namelist():
                 raise ValueError("no workbook of the kind .xlsx in it")
         require_small(size, label, share=0.5)
         yield CalamineWorkbook.from_filelike(io.BytesIO(data))
-    except InputError:
-        raise
-    except BaseException as error:
-        # A damaged file can fail anywhere in the decoder, which is another language's and may panic.
-        if isinstance(error, KeyboardInterrupt | SystemExit | MemoryError):
-            raise
-        raise InputError.stated("damaged-file.workbook", label, value=error_line(error)) from error
 
 
 _TIMES = (datetime, time, timedelta)

@@ -19,7 +19,7 @@ from jaxtyping import Int
 
 from bayestissue.base.errors import InputError, Problem, all_of, refuse
 from bayestissue.recordings.dataset.clock_times import within_a_day
-from bayestissue.recordings.dataset.files import Source, error_line, require_small
+from bayestissue.recordings.dataset.files import Source, decoded, require_small
 from bayestissue.recordings.dataset.formats import (
     FORMATS,
     Channel,
@@ -348,20 +348,14 @@ def long_enough(channels: Mapping[str, Channel]) -> list[str]:
 
 def _contents(source: Source, form: Format) -> Contents:
     data, label = source.read(share=form.share), source.label
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+    suffix = source.suffix if source.suffix in form.suffixes else form.suffixes[0]
+    with decoded("recorder", label, suffix=suffix), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
             contents = form.read(data, label)
-    except UnfitError as error:
-        words = {"expected": error.expected, "remedy": error.remedy}
-        raise InputError.stated("recorder-file", label, value=error.value, **words) from None
-    except InputError:
-        raise
-    except Exception as error:
-        # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
-        line = error_line(error)
-        suffix = source.suffix if source.suffix in form.suffixes else form.suffixes[0]
-        raise InputError.stated("damaged-file.recorder", label, value=line, suffix=suffix) from error
+        except UnfitError as error:
+            words = {"expected": error.expected, "remedy": error.remedy}
+            raise InputError.stated("recorder-file", label, value=error.value, **words) from None
     if not source.part:
         return contents
     blocks = contents.blocks or (contents,)

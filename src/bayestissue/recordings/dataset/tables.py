@@ -19,7 +19,7 @@ from bayestissue.base.results.tables import as_written
 from bayestissue.recordings.dataset import clock_times
 from bayestissue.recordings.dataset.cells import column_problems, ragged_problem
 from bayestissue.recordings.dataset.dialect import CLOCK, Dialect, TextTable, text_table
-from bayestissue.recordings.dataset.files import Source, error_line, require_small
+from bayestissue.recordings.dataset.files import Source, decoded, error_line, require_small
 from bayestissue.recordings.dataset.formats import Channel, Contents, Labels, even_clock
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
@@ -53,7 +53,8 @@ def read_table(
     data, label, wanted = source.read(), source.label, numbers or ()
     parse: Callable[[Sequence[str], Sequence[str]], Contents]
     if source.suffix == ".parquet":
-        schema = _schema(data, label)
+        with decoded("parquet", label):
+            schema = pq.read_schema(pa.BufferReader(data))
         present, able = schema.names, [field.name for field in schema if _numeric(field.type)]
         parse = partial(_parse_parquet, data, schema, label)
     else:
@@ -184,18 +185,14 @@ def _parse_parquet(
 ) -> Contents:
     wanted = [*labels, *numbers]
     refuse([*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)])
-    try:
-        # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
-        once = [name for name in labels if _is_text(schema.field(name).type)]
+    # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
+    once = [name for name in labels if _is_text(schema.field(name).type)]
+    with decoded("parquet", label):
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True, read_dictionary=once)
         require_small(8.0 * file.metadata.num_rows * len(wanted), label)
         table = file.read(columns=wanted)
         table.validate(full=True)
         _require_whole(file.metadata, wanted)
-    except InputError:
-        raise
-    except Exception as error:
-        raise _damaged(label, error) from error
     refuse(
         Problem.stated("column-type.numbers", label, column=name, value=str(table[name].type))
         for name in numbers
@@ -205,18 +202,6 @@ def _parse_parquet(
         raise InputError(_no_rows(label))
     channels = {name: _parquet_numbers(table[name]) for name in numbers}
     return Contents(channels, FIRST_ROW, labels={name: _labels(table[name]) for name in labels})
-
-
-def _schema(data: bytes, label: str) -> pa.Schema:
-    try:
-        return pq.read_schema(pa.BufferReader(data))
-    except Exception as error:
-        raise _damaged(label, error) from error
-
-
-def _damaged(label: str, error: Exception) -> InputError:
-    # A damaged file can fail anywhere in the decoder, with whatever that part raises.
-    return InputError.stated("damaged-file.parquet", label, value=error_line(error))
 
 
 def _is_text(kind: pa.DataType) -> bool:

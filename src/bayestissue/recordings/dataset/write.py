@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -89,25 +88,15 @@ def _decoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
 
 def settings_text(settings: dict[str, Any]) -> str:
     """``dataset.toml`` of these keys, tables as nested dictionaries."""
-    stated = [key for key in Settings.model_fields if key in settings]
-    tables = [key for key in stated if isinstance(settings[key], dict)]
-    lists = [key for key in stated if isinstance(settings[key], list | tuple)]
-    lines = [_entry(key, settings[key]) for key in stated if key not in (*tables, *lists)]
-    for table in tables:
-        # Among the keys of [signal] those of how texts are written are the last.
-        order = sorted(allowed_keys(Settings, [table]), key=lambda key: key in Stated.model_fields)
-        content = settings[table]
-        lines += ["", f"[{table}]", *(_entry(key, content[key]) for key in order if key in content)]
-    for key in lists:
-        for content in settings[key]:
-            within = {name: value for name, value in content.items() if isinstance(value, dict)}
-            key_lines = (_entry(name, value) for name, value in content.items() if name not in within)
-            lines += ["", f"[[{key}]]", *key_lines]
-            for table, entries in within.items():
-                lines += ["", f"[{key}.{table}]", *(_entry(name, value) for name, value in entries.items())]
-    return "\n".join(lines) + "\n"
+    import tomlkit
 
-
-def _entry(key: str, value: object) -> str:
-    # JSON's way of quoting text and writing numbers is also TOML's.
-    return f"{key} = {json.dumps(value, ensure_ascii=False)}"
+    content: dict[str, Any] = {}
+    # Tables stand behind single keys, and lists of tables last.
+    for kind in (str, dict, list | tuple):
+        for key in Settings.model_fields:
+            if key in settings and isinstance(settings[key], kind):
+                # Among the keys of [signal] those of how texts are written are the last.
+                order = sorted(allowed_keys(Settings, [key]), key=lambda name: name in Stated.model_fields)
+                table = settings[key]
+                content[key] = {n: table[n] for n in order if n in table} if kind is dict else table
+    return tomlkit.dumps(content)
