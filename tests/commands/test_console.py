@@ -73,7 +73,8 @@ def test_the_tables_of_all_commands_are_tame(capsys: pytest.CaptureFixture[str])
         {"variable": ["K"], "label": [BAD], "of": "impact", "unit": ["N/m"], "run": [BAD], "median": 1.0}
     )
     people = people.assign(eti90_low=1.0, eti90_high=1.0)
-    said = [*finished_runs.of_comparison(pd.concat([names, names.assign(data="x")]), people)]
+    both = pd.concat([names, names.assign(data="x")])
+    said = finished_runs._of_comparison(SimpleNamespace(comparison=both, posteriors=people, asked=()))
     table = Estimates({"K_N_per_m": [1.0], "C_N_s_per_m": 1.0, "zeta": 1.0, "flags": BAD, "notes": BAD})
     problems = (Problem(BAD, BAD, BAD, impact=BAD, code="no-file"),)
     table.dataset = SimpleNamespace(name=BAD, left_out=problems)

@@ -49,12 +49,8 @@ _MOST_KEPT, _KEPT = 1_000_000_000, 800_000_000
 _NO_RECYCLING = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
 
 
-def _allowed() -> tuple[int, ...]:
-    return tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()
-
-
 # What this process may use; a worker process binds itself to one of them.
-CORES = _allowed()
+CORES = tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()
 
 
 def configure() -> None:

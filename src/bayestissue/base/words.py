@@ -56,11 +56,7 @@ class Words:
                 yield one, noun
                 yield several, self.nouns.get(f"{key}s", f"{noun}s")
         if "subject" in self.nouns:
-            yield "persons", self._plural
-
-    @property
-    def _plural(self) -> str:
-        return self.nouns.get("subjects", f"{self.nouns['subject']}s")
+            yield "persons", self.nouns.get("subjects", f"{self.nouns['subject']}s")
 
     @cached_property
     def _pattern(self) -> re.Pattern[str] | None:

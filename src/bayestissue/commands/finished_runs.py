@@ -205,9 +205,33 @@ def certify(
 
 
 def _of_comparison(compared: Comparison) -> Iterator[Shown]:
-    yield from of_comparison(compared.comparison, compared.posteriors)
+    """The two tables, see `bayestissue.studies.comparing`, and answers to what was asked."""
+    from bayestissue.commands.console import SCREEN, Grid
+    from bayestissue.inference.comparing import OF_OUTCOMES
+    from bayestissue.reports.pages.tables import Field, number_field, table_of
+
+    comparison, posteriors = compared.comparison, compared.posteriors
+    data = [Field("data")] if len(comparison["data"].unique()) > 1 else []
+    numbers = (
+        number_field("elpd", words="{:.1f}".format),
+        number_field("off the best", "elpd_difference", "{:.1f}".format),
+        number_field("its se", "se_difference", "{:.1f}".format),
+        number_field("weight", words="{:.2f}".format),
+    )
+    for scheme, rows in comparison.groupby("scheme", sort=False):
+        yield Grid(str(scheme), table_of(rows, Field("run", "model"), *data, *numbers))
+        for row in rows[rows["warning"] != ""].to_dict("records"):
+            yield f"  {row['model']}: {row['warning']}"
+    yield more(codes_in("; ".join(comparison["warning"])))
+    together = posteriors["label"] == ""
+    count = posteriors.loc[~together, "label"].nunique()
+    few = count <= SCREEN.people
+    yield from _of_posteriors(posteriors[together | (few & ~posteriors["variable"].isin(OF_OUTCOMES))])
+    if count:
+        what = "outcomes" if few else "K, C and outcomes"
+        yield f"  {what} of the {count} people: --json prints them, --out writes posteriors.csv"
     if compared.asked:
-        yield from of_compared_answers(compared.answers, compared.asked)
+        yield from _of_compared_answers(compared.answers, compared.asked)
 
 
 @delivers("as_json", out=None, inputs=("runs",), shown=_of_comparison)
@@ -314,36 +338,7 @@ def of_predictions(predictions: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     yield more(codes_in("; ".join(predictions["note"])))
 
 
-def of_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame) -> Iterator[Shown]:
-    """The two tables; see `bayestissue.studies.comparing`."""
-    from bayestissue.commands.console import SCREEN, Grid
-    from bayestissue.inference.comparing import OF_OUTCOMES
-    from bayestissue.reports.pages.tables import Field, number_field, table_of
-
-    data = [Field("data")] if len(comparison["data"].unique()) > 1 else []
-    numbers = (
-        number_field("elpd", words="{:.1f}".format),
-        number_field("off the best", "elpd_difference", "{:.1f}".format),
-        number_field("its se", "se_difference", "{:.1f}".format),
-        number_field("weight", words="{:.2f}".format),
-    )
-    for scheme, rows in comparison.groupby("scheme", sort=False):
-        yield Grid(str(scheme), table_of(rows, Field("run", "model"), *data, *numbers))
-        for row in rows[rows["warning"] != ""].to_dict("records"):
-            yield f"  {row['model']}: {row['warning']}"
-    yield more(codes_in("; ".join(comparison["warning"])))
-    people = posteriors[posteriors["label"] != ""]
-    few = people["label"].nunique() <= SCREEN.people
-    together = posteriors["label"] == ""
-    of_outcomes = posteriors["variable"].isin(OF_OUTCOMES)
-    shown = posteriors[together | ~of_outcomes] if few else posteriors[together]
-    yield from _of_posteriors(shown)
-    if count := people["label"].nunique():
-        what = "outcomes" if few else "K, C and outcomes"
-        yield f"  {what} of the {count} people: --json prints them, --out writes posteriors.csv"
-
-
-def of_compared_answers(answers: pd.DataFrame, questions: Collection[str]) -> Iterator[Shown]:
+def _of_compared_answers(answers: pd.DataFrame, questions: Collection[str]) -> Iterator[Shown]:
     """What was asked on the command line: a line of each run."""
     from bayestissue.reports.pages.comparison import answer_words
 

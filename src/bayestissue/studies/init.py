@@ -90,7 +90,7 @@ class Intake:
         return [
             f"{total} in {self.recordings.folder}, such as {files[0].name}. Channels:",
             *(
-                f"  {name}{f' [{unit}]' if (unit := _units(channels)) else ''}: {_samples(channels)}"
+                f"  {name}{_units(channels)}: {span([one.samples for one in channels], 'samples', _WHOLE)}"
                 + (f", in {len(channels)} files" if len(channels) < len(files) else "")
                 for name, channels in self.recordings.candidates().items()
             ),
@@ -307,8 +307,5 @@ def _force_words(known: Mapping[str, Any]) -> str:
 
 
 def _units(channels: list[ChannelSummary]) -> str:
-    return ", ".join(sorted({channel.unit for channel in channels if channel.unit}))
-
-
-def _samples(channels: list[ChannelSummary]) -> str:
-    return span([channel.samples for channel in channels], "samples", _WHOLE)
+    units = sorted({channel.unit for channel in channels if channel.unit})
+    return f" [{', '.join(units)}]" if units else ""

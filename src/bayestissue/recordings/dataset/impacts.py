@@ -144,7 +144,10 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
         problems += column.wrong(column.empty, "empty-cell")
     problems += _impacts_twice(columns["impact"])
     for column in columns.values():
-        problems += column.wrong(column.unprintable, "control-characters")
+        # What a terminal would obey, or runs over several lines.
+        problems += column.wrong(
+            np.array(list(map(has_control_characters, column.texts))), "control-characters"
+        )
     warnings: list[Problem] = []
     content: dict[str, object] = {}
     for name, column in columns.items():
@@ -194,11 +197,6 @@ class _Column:
     def empty(self) -> np.ndarray:
         """Where a cell holds nothing."""
         return np.array([not text for text in self.texts], dtype=bool)
-
-    @property
-    def unprintable(self) -> np.ndarray:
-        """Where a cell holds what a terminal would obey, or runs over several lines."""
-        return np.array([has_control_characters(text) for text in self.texts], dtype=bool)
 
     def wrong(self, where: np.ndarray, key: str, **numbers: Any) -> list[Problem]:
         """A problem with the message ``key`` for each cell where there is something wrong."""

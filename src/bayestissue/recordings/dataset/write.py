@@ -68,7 +68,9 @@ def _write_table(frame: pd.DataFrame, path: Path) -> None:
     if path.suffix == ".parquet":
         pq.write_table(table, path, compression="zstd", write_page_checksum=True)
         return
-    plain = pa.table({name: _decoded(table[name]) for name in table.column_names})
+    plain = table.cast(
+        pa.schema([(field.name, getattr(field.type, "value_type", field.type)) for field in table.schema])
+    )
     names = pd.Series(plain["impact"].unique().to_pylist(), dtype=str)
     if any(as_text(name) != name for name in names):
         texts = pa.array(frame["impact"].astype(str).map(as_text), pa.string())
@@ -80,10 +82,6 @@ def _write_table(frame: pd.DataFrame, path: Path) -> None:
     # A time stamp in the gzip header would make every run's bytes, and so its hash, another.
     with path.open("wb") as raw, gzip.GzipFile("", "wb", 6, raw, mtime=0) as packed:
         pa_csv.write_csv(plain, packed, options)
-
-
-def _decoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    return column.cast(column.type.value_type) if pa.types.is_dictionary(column.type) else column
 
 
 def settings_text(settings: dict[str, Any]) -> str:

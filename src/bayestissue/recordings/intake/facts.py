@@ -20,7 +20,6 @@ from bayestissue.recordings.intake.names import (
     contradictions,
     fills,
     is_height,
-    is_number,
 )
 
 FILE, NUMBER = "file", "number"
@@ -130,12 +129,12 @@ class _Table:
             cells.columns = with_subject(list(map(str, cells.columns)))
         names = _in_standard_case(cells)
         cells.columns = pd.Index(names)
-        keys = () if FILE in names else tuple(n for n in fields if n in names and not is_number(n))
+        keys = () if FILE in names else tuple(n for n in fields if n in names and n not in NUMBERS)
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
         facts = tuple(name for name in names if name not in ((FILE, NUMBER) if FILE in names else keys))
         table = cls(source.label, facts, records, f"{source.label}: {cells.attrs['written']}", keys)  # type: ignore[arg-type]
         if FILE not in names and not keys:
-            example = next((name for name in names if not is_number(name)), "subject")
+            example = next((name for name in names if name not in NUMBERS), "subject")
             value = ", ".join(names)
             raise InputError.stated("facts-of-recordings.no-key", source.label, value=value, example=example)
         return table

@@ -105,11 +105,6 @@ class File:
         """Its path relative to the folder; of a part as ``p1.xlsx#left`` or ``p1.lvm#2``."""
         return self.source.label
 
-    @property
-    def may_hold_an_impact(self) -> bool:
-        """Whether a channel has samples enough."""
-        return any(channel.samples >= MIN_SAMPLES for channel in self.channels.values())
-
 
 @dataclass(frozen=True)
 class RecorderFolder:
@@ -253,7 +248,8 @@ def _sorted_out(
     several = {parts[0].source.is_sheet for path, parts in by_file.items() if count[path] > 1}
     recordings: list[File] = []
     for parts in by_file.values():
-        held = [file for file in parts if file.may_hold_an_impact] or parts
+        longest = [max((channel.samples for channel in f.channels.values()), default=0) for f in parts]
+        held = [f for f, samples in zip(parts, longest, strict=True) if samples >= MIN_SAMPLES] or parts
         source = parts[0].source
         what = f"{'sheets' if source.is_sheet else 'blocks'} without a recording"
         _note(what, source, [file.source.part for file in parts if file not in held], passed_over)

@@ -34,11 +34,6 @@ _FILLS: dict[str, tuple[str, float, float]] = {
 NUMBERS = {"mass_kg", "velocity_m_s", "sampling_rate_hz", "energy_J", "diameter_m", *_FILLS}
 
 
-def is_number(name: str) -> bool:
-    """Whether a field of this name holds a number."""
-    return name in NUMBERS
-
-
 def is_height(name: str) -> bool:
     """Whether a field is a height of fall."""
     return name.startswith("drop_height")
@@ -62,7 +57,7 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
     cells: dict[str, str | float] = {}
     problems = []
     for name, text in fields.items():
-        if not is_number(name):
+        if name not in NUMBERS:
             cells[name] = text.strip()
             continue
         if _THOUSANDS.fullmatch(text.strip()):
@@ -184,7 +179,7 @@ class Pattern:
         for literal, name in self._parts:
             pieces.append(re.escape(literal))
             if name is not None:
-                what = (_NUMBER if is_number(name) else _TEXT).replace("{lazy}", lazy)
+                what = (_NUMBER if name in NUMBERS else _TEXT).replace("{lazy}", lazy)
                 # Names of columns have letters that those of groups may not have.
                 group = f"?P<f{self.fields.index(name)}>" if name else "?:"
                 pieces.append(f"({group}{what})")
@@ -265,7 +260,7 @@ def contradictions(file: File, facts: Mapping[str, str]) -> Iterator[Problem]:
         file: whose name is read.
         facts: by name, as text.
     """
-    stated = {_kind(name): (name, text) for name, text in facts.items() if name == "side" or is_number(name)}
+    stated = {_kind(name): (name, text) for name, text in facts.items() if name == "side" or name in NUMBERS}
     for part in _cut(file.source)[::2]:
         match = _NUMBERED.fullmatch(part)
         unit = match["after"] if match else ""

@@ -110,7 +110,7 @@ def find_onset(recordings: PaddedTraces, options: SignalOptions) -> Onset:
     # Means overlap, and the last of them hold samples in contact: the quiet part is that of the samples.
     last_quiet = means.first - np.rint(means.most / recordings.dt).astype(int)
     end = np.maximum(last_quiet - half - _ahead(recordings), 0)
-    quiet, offset, noise = _quiet_part(recordings, end, sd, peak, np.zeros_like(sd))
+    quiet, offset, noise = _quiet_part(recordings, end, sd, peak)
     return replace(
         means,
         first=np.minimum(means.first + half, recordings.n - 1),
@@ -161,11 +161,11 @@ def _onset(recordings: PaddedTraces, options: SignalOptions, noise: Column) -> O
     baseline = _first_baseline(recordings, peak, last_below)
     first = last_below(baseline + CONTACT.certain * sd) + 1
     ahead = _ahead(recordings)
-    quiet, baseline, sd = _quiet_part(recordings, first - ahead, sd, peak, baseline)
+    quiet, baseline, sd = _quiet_part(recordings, first - ahead, sd, peak)
     # The second look has the mean and the scatter of the whole quiet part to go by.
     first = last_below(baseline + CONTACT.certain * sd) + 1
     last_quiet = _last_quiet(recordings, first, baseline, sd)
-    quiet, offset, sd = _quiet_part(recordings, last_quiet - ahead, sd, peak, baseline)
+    quiet, offset, sd = _quiet_part(recordings, last_quiet - ahead, sd, peak)
     least, most = np.zeros(len(peak)), recordings.span(last_quiet, first)
     shown, earliest, end = first, most, last_quiet
     passed = (deceleration >= (baseline + 2 * CONTACT.certain * sd)[:, None]) & until_peak
@@ -180,7 +180,7 @@ def _onset(recordings: PaddedTraces, options: SignalOptions, noise: Column) -> O
     elif options.contact == "time-zero":
         first, least = from_time_zero(recordings)
         end = first - 1
-        quiet, offset, sd = _quiet_part(recordings, end - ahead, sd, peak, offset)
+        quiet, offset, sd = _quiet_part(recordings, end - ahead, sd, peak)
         most, reach = least, np.zeros_like(least)
     later = recordings.span(shown, first) - least
     tolerance = np.maximum(CONTACT.doubtful_s, 5 * recordings.dt)
@@ -239,7 +239,7 @@ def _first_baseline(recordings: PaddedTraces, peak: Column, last_below: LastBelo
 
 
 def _quiet_part(
-    recordings: PaddedTraces, end: Index, sd: Column, peak: Column, otherwise: Column
+    recordings: PaddedTraces, end: Index, sd: Column, peak: Column
 ) -> tuple[Mask, Column, Column]:
     end = np.maximum(end, 0)
     mean, scatter = segment_moments(recordings.value, end)

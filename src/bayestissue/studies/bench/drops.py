@@ -38,7 +38,7 @@ from bayestissue.recordings.dataset.settings import FILE as SETTINGS
 from bayestissue.recordings.dataset.write import settings_text
 from bayestissue.recordings.intake.build import FIRST, RECORDINGS, cut
 from bayestissue.recordings.intake.facts import Cells
-from bayestissue.recordings.intake.names import is_number
+from bayestissue.recordings.intake.names import NUMBERS
 from bayestissue.studies.bench.campaign import WatchedCampaign
 from bayestissue.studies.bench.following import Stamp
 from bayestissue.studies.bench.verdict import Kind, is_spoilt
@@ -238,8 +238,8 @@ class Drops:
 
     def _parted(self, row: Cells, known: Cells) -> tuple[Cells, dict[str, str]]:
         """The facts of a row that the program knows of, and what a person added."""
-        ours = {k: v for k, v in row.items() if is_number(k) or k in RESERVED or k in known}
-        cells: Cells = {k: float(v) if is_number(k) else v for k, v in ours.items()}
+        ours = {k: v for k, v in row.items() if k in NUMBERS or k in RESERVED or k in known}
+        cells: Cells = {k: float(v) if k in NUMBERS else v for k, v in ours.items()}
         return cells, {k: str(v) for k, v in row.items() if k not in ours}
 
     def _corrected_by(self, table: list[Cells]) -> tuple[dict[str, str], set[str]]:

@@ -99,13 +99,6 @@ def no_law(signal: Displacements, used: Mask, recorded: Recorded) -> Mask:
     return (wide | step) & (samples >= 2 * law.shape[-1])
 
 
-def least_sum_of_squares(signal: Displacements, used: Mask) -> Column:
-    """The least sum of squares that any of the laws leaves of each impact."""
-    d, every = signal.deceleration, laws(*motion(signal), used)
-    squares = [(_fitted(law, d, used, ridge=1e-10)[1] ** 2).sum(axis=1) for law in every]
-    return np.min(squares, axis=0)
-
-
 def gravity_tried(signal: Displacements) -> Column:
     """The gravity that is tried besides the declared one, m/s²: a drop's, or none."""
     return np.where(signal.gravity == 0, STANDARD_GRAVITY, 0.0)
@@ -163,7 +156,9 @@ def suspected(signal: Displacements) -> Suspected:
     used = signal.inside
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
-        plain = least_sum_of_squares(signal, used)
+        every = laws(*motion(signal), used)
+        left = (_fitted(law, signal.deceleration, used, ridge=1e-10)[1] for law in every)
+        plain = np.min([(residual**2).sum(axis=1) for residual in left], axis=0)
     variance = signal.noise_sd**2 + (LAW.misfit * peak) ** 2
     freedom = np.maximum(PULSE.worth * signal.n_samples, 1)
     count = np.maximum(signal.n_samples - 4, 1)
