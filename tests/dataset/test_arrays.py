@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.recordings.dataset import Dataset
+from bayestissue.recordings.dataset import Dataset, write_dataset
 from dataset_bench import SETTINGS, Lab, tables
 
 SIGNAL = {"quantity": SETTINGS["signal"]["quantity"], "unit": SETTINGS["signal"]["unit"]}
@@ -128,7 +126,7 @@ def test_it_finds_what_is_found_in_a_folder(tmp_path, spoil):
     with pytest.raises(bt.InputError) as found:
         bt.dataset(impacts, traces, **GIVEN)
     folder = tmp_path / "folder"
-    bt.dataset.write_dataset(folder, settings=SETTINGS, impacts=impacts, traces=traces)
+    write_dataset(folder, settings=SETTINGS, impacts=impacts, traces=traces)
     with pytest.raises(bt.InputError) as expected:
         bt.read_dataset(folder)
     assert len(found.value.problems) == len(expected.value.problems)
@@ -241,13 +239,6 @@ def test_names_may_be_numbers_and_values_of_other_units():
     assert made.impacts["impact"].tolist() == [str(place) for place in range(len(impacts))]
     assert made.impacts["subject"][1] == "0"
     np.testing.assert_allclose(made.traces[1].value, -expected.traces[1].value, rtol=1e-14, atol=1e-12)
-
-
-def test_the_package_and_the_function_share_a_name():
-    from bayestissue.recordings.dataset import read_dataset
-
-    assert bt.dataset.read_dataset is read_dataset is bt.read_dataset
-    assert "quantity" in inspect.signature(bt.dataset).parameters
 
 
 def test_a_check_of_it_says_what_the_command_says(lab: Lab):
