@@ -155,9 +155,8 @@ def delivers(
     """
 
     def declare(function: Callable[..., Result]) -> Callable[..., None]:
-        options = _signature(
-            function, shared, None if callable(out) and out is not inspect.Parameter.empty else out
-        )
+        made = out if callable(out) and out is not inspect.Parameter.empty else None
+        options = _signature(function, shared, None if made else out)
 
         @wraps(function)
         def run(**stated: Any) -> None:
@@ -165,9 +164,10 @@ def delivers(
             bound.apply_defaults()
             given = bound.arguments
             call = Call(**{name: given.pop(name) for name in (*shared, "out", "overwrite", "quiet")})
-            if call.out is None and callable(out) and out is not inspect.Parameter.empty:
-                call.out = out(given)
-            paths = [path for name in inputs for path in _listed(given[name])]
+            if call.out is None and made:
+                call.out = made(given)
+            values = [given[name] for name in inputs]
+            paths = [path for value in values for path in (value if isinstance(value, list) else [value])]
             with results.claim_if(
                 call.out, overwrite=call.overwrite, command=function.__name__, inputs=paths
             ) as call.target:
@@ -190,10 +190,6 @@ def delivers(
         return run
 
     return declare
-
-
-def _listed(value: Any) -> list[Any]:
-    return list(value) if isinstance(value, list) else [value]
 
 
 def _signature(function: Callable[..., Any], shared: tuple[str, ...], out: Any) -> inspect.Signature:

@@ -326,10 +326,8 @@ class ChannelSettings(_Table):
             "quantity": self.quantity,
             "unit": self.unit,
             "value_column": self.value_column or SignalSettings.model_fields["value_column"].default,
-            "scale": self.scale,
-            "offset": self.offset,
+            **{key: getattr(self, key) for key in ("scale", "offset", "limit")},
             "zero": "free_fall",
-            "limit": self.limit,
             **({"time_column": self.time_column} if self.time_column else {}),
         }
         return first.model_copy(update=overrides)

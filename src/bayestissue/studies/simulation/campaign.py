@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -154,13 +155,11 @@ def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
         # Of its channel the gain is one for all impacts.
         truth["force_gain"] = 1 + force.relative_gain_sd * random.forces.standard_normal()
         truth["force_offset_N"] = force.offset_sd_N * random.forces.standard_normal(len(truth))
-    parts, of_force = zip(*_recorded(simulation, truth, n, random), strict=True)
-    value = np.concatenate(parts)
+    value, *forces = map(np.concatenate, zip(*_recorded(simulation, truth, n, random), strict=True))
     if simulation.output.decimals is not None:
         value = np.round(value, simulation.output.decimals)
     value = value.astype(np.float32) if simulation.output.float32 else value
-    time, forces = np.round(sample / rate, 9), None if force is None else np.concatenate(of_force)
-    return Campaign(_settings(simulation), impacts, truth, n, time, value, forces)
+    return Campaign(_settings(simulation), impacts, truth, n, np.round(sample / rate, 9), value, *forces)
 
 
 def _settings(simulation: Simulation) -> Settings:
@@ -412,17 +411,21 @@ class _Chain(NamedTuple):
     """What stands between a quantity and its values in the file.
 
     Attributes:
+        sensed: what the sensor feels, of the impacts and their decelerations.
         recorder: the low-pass, if any.
         gain, offset: columns of the truth.
         noise_sd: standard deviation of the noise, and as a fraction of the peak, whose variances add up.
+        random: of the noise.
         limit: the sensor clips beyond this, either way.
         bits: the range has 2 to this power steps.
     """
 
+    sensed: Callable[[pd.DataFrame, np.ndarray], np.ndarray]
     recorder: LowPassFilter | None
     gain: str
     offset: str
     noise_sd: tuple[float, float]
+    random: np.random.Generator
     limit: float | None
     bits: int | None = None
 
@@ -452,27 +455,26 @@ class _Chain(NamedTuple):
         return np.clip(value, -self.limit, self.limit)
 
 
-def _chains(simulation: Simulation) -> tuple[_Chain, _Chain | None]:
+def _chains(simulation: Simulation, random: _Streams) -> Iterator[_Chain]:
     """Of the deceleration, and of the force if one is recorded."""
     recording, force = simulation.recording, simulation.recording.force
-    noise = recording.noise_sd_m_s2, recording.noise_relative_to_peak
-    columns, limits = ("gain", "offset_m_s2"), (recording.range_m_s2, recording.bits)
-    first = _Chain(simulation.recorder, *columns, noise, *limits)
-    if force is None:
-        return first, None
-    noise = force.noise_sd_N, force.noise_relative_to_peak
-    return first, _Chain(force.recorder, "force_gain", "force_offset_N", noise, force.limit_N)
+    noise, columns = (recording.noise_sd_m_s2, recording.noise_relative_to_peak), ("gain", "offset_m_s2")
+    limits = recording.range_m_s2, recording.bits
+    yield _Chain(lambda _, moved: moved, simulation.recorder, *columns, noise, random.noise, *limits)
+    if force is not None:
+        noise, columns = (force.noise_sd_N, force.noise_relative_to_peak), ("force_gain", "force_offset_N")
+        sensed = partial(_force, simulation, force)
+        yield _Chain(sensed, force.recorder, *columns, noise, random.forces, force.limit_N)
 
 
 def _recorded(
     simulation: Simulation, truth: pd.DataFrame, n: np.ndarray, random: _Streams
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+) -> Iterator[list[np.ndarray]]:
     """Recorded values, and forces where there are any, in blocks of impacts that bound the memory in use."""
     rate, finer, ring = simulation.recording.sampling_rate_hz, 1, 0
-    gravity, force = gravity_m_s2(simulation.gravity), simulation.recording.force
-    first, beside = _chains(simulation)
-    for chain in (first, beside):
-        if chain is not None and (one := chain.recorder) is not None:
+    gravity, chains = gravity_m_s2(simulation.gravity), [*_chains(simulation, random)]
+    for chain in chains:
+        if (one := chain.recorder) is not None:
             steps = 1 if one.digital else int(np.ceil(_FINER * max(1.0, one.low_pass_hz / rate)))
             # On either side until the filter has come to rest, forwards and backwards.
             finer, ring = max(finer, steps), max(ring, int(np.ceil(_AT_REST / decay(one, 1 / rate) * rate)))
@@ -485,15 +487,11 @@ def _recorded(
         part = slice(begin, min(begin + rows, len(n)))
         met = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
         moved, block = np.asarray(met)[: part.stop - begin], truth.iloc[part]
-        d = grid.passed(moved, first.recorder)
-        recorded = np.arange(d.shape[1]) < n[part, None]
-        values = first.values(block, d, recorded, grid.noise(first.recorder, recorded, random.noise))
-        forces = np.empty(0)
-        if beside is not None and force is not None:
-            behind = grid.passed(_force(simulation, force, block, moved), beside.recorder)
-            noise = grid.noise(beside.recorder, recorded, random.forces)
-            forces = beside.values(block, behind, recorded, noise)
-        yield values, forces
+        recorded = np.arange(n.max()) < n[part, None]
+        passed = [grid.passed(chain.sensed(block, moved), chain.recorder) for chain in chains]
+        noises = [grid.noise(chain.recorder, recorded, chain.random) for chain in chains]
+        parts = zip(chains, passed, noises, strict=True)
+        yield [chain.values(block, exact, recorded, noise) for chain, exact, noise in parts]
 
 
 class _Grid(NamedTuple):
