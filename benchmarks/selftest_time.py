@@ -16,7 +16,7 @@ from pathlib import Path
 import pandas as pd
 from evidence import recorded
 
-from bayestissue.base.results import read_table
+from bayestissue.base.results.tables import read_table
 
 
 def main() -> None:

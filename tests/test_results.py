@@ -15,8 +15,9 @@ from typing import Any
 import pytest
 
 from bayestissue.base.errors import InputError
-from bayestissue.base.results import claim, require_free, require_place, whole_file
-from bayestissue.base.results.output_folder import GO_ON
+from bayestissue.base.results.files import whole_file
+from bayestissue.base.results.manifest import require_free, require_place
+from bayestissue.base.results.output_folder import GO_ON, claim
 
 
 @contextmanager
@@ -297,7 +298,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from typing import Any
-from bayestissue.base.results import claim
+from bayestissue.base.results.output_folder import claim
 with claim(Path(sys.argv[1]), command="fit") as place, place.folder() as folder:
     (folder / "table.csv").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)

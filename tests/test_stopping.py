@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from bayestissue.base.errors import more
-from bayestissue.base.results import claim
+from bayestissue.base.results.output_folder import claim
 
 MORE = f"{more(['interrupted'])}\n"
 BEGINS = """
@@ -20,7 +20,7 @@ import gc, sys, time
 from pathlib import Path
 from bayestissue import __main__, cli
 from bayestissue.base.result import after_results
-from bayestissue.base.results import claim
+from bayestissue.base.results.output_folder import claim
 from bayestissue.base.runtime import quieten_libraries, worker_pool
 
 def main(command):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import bayestissue as bt
-from bayestissue.base.results import read_table
+from bayestissue.base.results.tables import read_table
 from bayestissue.studies.certificate import certificate as certifying
 from bayestissue.studies.certificate.augmented import Truth, new_impacts, truths
 from bayestissue.studies.selftest.fits import campaign

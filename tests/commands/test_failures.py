@@ -17,7 +17,8 @@ import xarray as xr
 
 from bayestissue import cli
 from bayestissue.base.errors import InputError
-from bayestissue.base.results import claim, write_tree
+from bayestissue.base.results.files import write_tree
+from bayestissue.base.results.output_folder import claim
 from bayestissue.reports.pages.run_folder import read_about
 from bayestissue.studies import comparing
 from make_scored_run import make_scored_run
@@ -101,7 +102,7 @@ def test_a_tree_that_has_no_room_is_refused_before_it_is_written(tmp_path: Path)
     program = (
         "import resource, sys, numpy as np, xarray as xr\n"
         "from pathlib import Path\n"
-        "from bayestissue.base.results import write_tree\n"
+        "from bayestissue.base.results.files import write_tree\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))\n"
         "write_tree(xr.DataTree(xr.Dataset({'K': ('draw', np.zeros(200_000))})), Path(sys.argv[1]))\n"
     )

@@ -15,7 +15,7 @@ from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.cells import read_cells
 from bayestissue.recordings.dataset.dialect import DECIMALS, DELIMITERS, Dialect, Stated, text_table
 from bayestissue.recordings.dataset.files import Source
-from bayestissue.recordings.dataset.formats import Contents
+from bayestissue.recordings.dataset.formats.channel import Contents
 from bayestissue.recordings.dataset.tables import read_table
 
 TIME = np.arange(300) / 1000 - 0.005

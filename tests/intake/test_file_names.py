@@ -10,7 +10,7 @@ import pytest
 
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.files import Source
-from bayestissue.recordings.dataset.formats import unit_in_name
+from bayestissue.recordings.dataset.formats.channel import unit_in_name
 from bayestissue.recordings.intake.names import Pattern, columns
 
 

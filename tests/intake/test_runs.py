@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from bayestissue.base.errors import InputError
-from bayestissue.recordings.dataset.formats import unit_in_name
+from bayestissue.recordings.dataset.formats.channel import unit_in_name
 from bayestissue.recordings.intake import choices_of
 from bayestissue.studies.init import prepare, write
 from dataset_bench import deceleration

@@ -13,7 +13,7 @@ from stand_in import kernel
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
-from bayestissue.base.results import read_table
+from bayestissue.base.results.tables import read_table
 from bayestissue.reports.pages.plan_page import page_of
 from bayestissue.studies.planning.plan import Plan
 from command_line import bayestissue

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.base.results import read_table
+from bayestissue.base.results.tables import read_table
 from bayestissue.recordings.dataset.recorders import SUFFIXES
 from bayestissue.studies.selftest import fits, formats, plan
 from bayestissue.studies.selftest.checks import Compared, Part, differing, run, verdict

@@ -10,10 +10,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from bayestissue.base import results
 from bayestissue.base.errors import InputError, PartialResultError
 from bayestissue.base.outline import Outlined, short
 from bayestissue.base.remedies import Code
+from bayestissue.base.results.files import whole_file, write_json
+from bayestissue.base.results.output_folder import OutputFolder, claim
+from bayestissue.base.results.tables import write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,9 +64,9 @@ class Result(Outlined):
     def write(self, folder: Path) -> None:
         """Write every file but the page into a folder."""
         for name, table in self.tables.items():
-            results.write_table(table, folder / f"{name}.csv")
+            write_table(table, folder / f"{name}.csv")
         if self.about:
-            results.write_json(self.about, folder / "run.json")
+            write_json(self.about, folder / "run.json")
 
     def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the folder that the command writes, page and all; or only the page.
@@ -85,10 +87,10 @@ class Result(Outlined):
             if path.exists() and not overwrite:
                 raise InputError.stated("out-taken.page", str(path))
             return _put(path, self.page())
-        with results.claim(path, overwrite=overwrite, command=self.command, inputs=self.inputs) as target:
+        with claim(path, overwrite=overwrite, command=self.command, inputs=self.inputs) as target:
             return self.put(target, lambda *_: None)
 
-    def put(self, target: results.OutputFolder, say: Say) -> Path:
+    def put(self, target: OutputFolder, say: Say) -> Path:
         """Write all into a claimed place, whole, and then the page, which must not put them in doubt.
 
         Raises:
@@ -158,7 +160,7 @@ class Made(Result):
 
 
 def _put(path: Path, html: str) -> Path:
-    with results.whole_file(path) as staging:
+    with whole_file(path) as staging:
         staging.write_text(html, encoding="utf-8")
     return path
 

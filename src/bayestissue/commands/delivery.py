@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from bayestissue.base import results, runtime
+from bayestissue.base import runtime
 from bayestissue.base.declarations import described
+from bayestissue.base.results.output_folder import OutputFolder, claim_if
 
 if TYPE_CHECKING:
     from bayestissue.base.result import Result
@@ -101,7 +102,7 @@ class Call:
     overwrite: Overwrite = False
     quiet: Quiet = False
     as_json: Json = False
-    target: results.OutputFolder | None = None
+    target: OutputFolder | None = None
     then: Callable[[Path], bool] | None = None
     patience_s: float = 0.0
     blocks: ExitStack = field(default_factory=ExitStack)
@@ -168,7 +169,7 @@ def delivers(
                 call.out = made(given)
             values = [given[name] for name in inputs]
             paths = [path for value in values for path in (value if isinstance(value, list) else [value])]
-            with results.claim_if(
+            with claim_if(
                 call.out, overwrite=call.overwrite, command=function.__name__, inputs=paths
             ) as call.target:
                 runtime.configure()

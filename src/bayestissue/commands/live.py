@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from bayestissue.base.errors import InputError
-from bayestissue.base.results import locked, locked_folder
+from bayestissue.base.results.output_folder import locked, locked_folder
 from bayestissue.base.runtime import configure
 from bayestissue.commands.delivery import Port, Quiet
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bayestissue.base import resources, results, runtime
+from bayestissue.base import resources, runtime
 from bayestissue.base.errors import more
 from bayestissue.base.result import Made
+from bayestissue.base.results.files import write_json, write_tree
 from bayestissue.commands.delivery import Call, Seed, delivers
 
 if TYPE_CHECKING:
@@ -130,8 +131,8 @@ def reproduce(
     )
 
     def write(folder: Path) -> None:
-        results.write_tree(analysis.tree, folder / "posterior.nc")
-        results.write_json(analysis.diagnostics, folder / "diagnostics.json")
+        write_tree(analysis.tree, folder / "posterior.nc")
+        write_json(analysis.diagnostics, folder / "diagnostics.json")
 
     return Made(
         about,

@@ -15,8 +15,7 @@ import pandas as pd
 
 from bayestissue.base.remedies import codes_in
 from bayestissue.base.result import Result
-from bayestissue.base.results import read_tables
-from bayestissue.base.results.tables import declared_files, table_of_rows, typed
+from bayestissue.base.results.tables import declared_files, read_tables, table_of_rows, typed
 from bayestissue.base.runtime import CommandStart, in_float64, run_record
 from bayestissue.inference.points.notes import PHANTOM, people_alone, said_once
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, UNITS

@@ -14,10 +14,12 @@ from zipfile import BadZipFile
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base import results, runtime
+from bayestissue.base import runtime
 from bayestissue.base.errors import InputError, path_argument
 from bayestissue.base.outline import Rows, short, span
 from bayestissue.base.result import Made, Result
+from bayestissue.base.results.files import write_json, write_tree
+from bayestissue.base.results.manifest import FileKind, require_file
 from bayestissue.inference.checking.findings import verdict_in_words
 from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.model.hierarchy.specification import ModelSpecification, specification_of
@@ -164,10 +166,10 @@ class Fit(FitRun, Result):
         if draws is None:
             return runtime.in_float64(predict)(self.study, self._conditions(table), say)
         read = (self.folder, None if isinstance(table, pd.DataFrame) else Path(table))
-        results.require_file(
+        require_file(
             Path(draws),
             "--draws",
-            results.FileKind(DRAWS_AS, is_draws),
+            FileKind(DRAWS_AS, is_draws),
             overwrite=overwrite,
             inputs=read,
         )
@@ -243,9 +245,9 @@ class Fit(FitRun, Result):
         if dataset is not None:
             about = about | {"dataset_folder": _from_folder(dataset, folder)}
         super().write(folder)
-        results.write_json(about, folder / "run.json")
-        results.write_tree(self.posterior, folder / "posterior.nc")
-        results.write_json(self.diagnostics, folder / "diagnostics.json")
+        write_json(about, folder / "run.json")
+        write_tree(self.posterior, folder / "posterior.nc")
+        write_json(self.diagnostics, folder / "diagnostics.json")
         # A simulated dataset knows the truth; the report draws it in.
         copied = ["truth.csv"]
         if self.end is not None:

@@ -11,7 +11,7 @@ from typing import Any
 from bayestissue.base.declarations import taking
 from bayestissue.base.errors import InputError, Problem, path_argument
 from bayestissue.base.outline import counted, first_of, span
-from bayestissue.base.results import claim
+from bayestissue.base.results.output_folder import claim
 from bayestissue.base.settings import checked
 from bayestissue.recordings.dataset import Dataset, read_dataset
 from bayestissue.recordings.dataset.cells import REMEDY

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue.base import results
+from bayestissue.base.results.files import write_tree
 from bayestissue.inference.results.predictions import rounded
 
 DRAWS, SAMPLES = 100, 200
@@ -45,7 +45,7 @@ def test_a_file_packs_predictions_and_leaves_draws_as_they_are(tmp_path) -> None
     predicted = xr.Dataset({"deceleration": (dims, rounded(replicates())[None])})
     drawn = xr.Dataset({"K": (dims[:2], np.random.default_rng(6).standard_normal((1, DRAWS)))})
     tree = xr.DataTree.from_dict({"posterior_predictive": predicted, "posterior": drawn})
-    results.write_tree(tree, tmp_path / "posterior.nc")
+    write_tree(tree, tmp_path / "posterior.nc")
     with h5py.File(tmp_path / "posterior.nc") as file:
         packed = file["posterior_predictive/deceleration"]
         # Of 100 at a step of a hundredth there are 13 bits, which is below half of 32.

@@ -30,7 +30,7 @@ import xarray as xr
 from jaxtyping import Bool, Float
 
 from bayestissue.base.errors import Coded, InputError, Problem, has_control_characters, path_argument
-from bayestissue.base.results import whole_file, write_tree
+from bayestissue.base.results.files import whole_file, write_tree
 from bayestissue.inference.answers.law import DROP_HEIGHT, NO_LAW, moving, unfit_height
 from bayestissue.inference.answers.meaning import average_notes, beyond_notes
 from bayestissue.inference.answers.settings import SETTINGS

@@ -18,7 +18,7 @@ import numpy as np
 from jax import Array
 
 from bayestissue.base import runtime
-from bayestissue.base.results import whole_file
+from bayestissue.base.results.files import whole_file
 from bayestissue.inference.chain.ending import LookVerdict, look
 from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.samplers.convergence import Draws, convergence

@@ -15,7 +15,7 @@ from bayestissue.base.declarations import taking
 from bayestissue.base.errors import InputError, Problem, all_of, along_with, refuse
 from bayestissue.recordings.dataset.cells import FILE as IMPACTS
 from bayestissue.recordings.dataset.cells import Records, column_problems
-from bayestissue.recordings.dataset.formats import Channel, Contents, Labels
+from bayestissue.recordings.dataset.formats.channel import Channel, Contents, Labels
 from bayestissue.recordings.dataset.impacts import impact_table, required_columns
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.dataset.read import checked_dataset, in_words

@@ -10,7 +10,7 @@ import pandas as pd
 
 from bayestissue.base.errors import InputError, Problem, has_control_characters, printable, refuse
 from bayestissue.base.remedies import entries
-from bayestissue.base.results import sync_folder, whole_file
+from bayestissue.base.results.files import sync_folder, whole_file
 from bayestissue.base.results.tables import csv_text
 from bayestissue.recordings.dataset.cells import read_cells
 from bayestissue.recordings.dataset.files import Source

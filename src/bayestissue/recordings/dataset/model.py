@@ -186,7 +186,7 @@ class Dataset(Outlined):
         Raises:
             InputError: ``path`` is taken, or is no place for a dataset.
         """
-        from bayestissue.base.results import claim
+        from bayestissue.base.results.output_folder import claim
         from bayestissue.recordings.dataset.write import write_dataset
 
         names = pd.Index(self.impacts["impact"])

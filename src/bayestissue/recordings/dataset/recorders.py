@@ -20,14 +20,13 @@ from jaxtyping import Int
 from bayestissue.base.errors import InputError, Problem, all_of, refuse
 from bayestissue.recordings.dataset.clock_times import within_a_day
 from bayestissue.recordings.dataset.files import Source, decoded, require_small
-from bayestissue.recordings.dataset.formats import (
-    FORMATS,
+from bayestissue.recordings.dataset.formats import FORMATS, labview
+from bayestissue.recordings.dataset.formats.channel import (
     Channel,
     Contents,
     Format,
     Labels,
     UnfitError,
-    labview,
     unit_in_name,
 )
 from bayestissue.recordings.dataset.impacts import ImpactTable

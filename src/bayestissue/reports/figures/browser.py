@@ -11,7 +11,7 @@ from functools import cache
 from importlib.metadata import version
 from typing import Any
 
-from bayestissue.base.results import whole_file
+from bayestissue.base.results.files import whole_file
 
 
 def packed(content: bytes) -> str:

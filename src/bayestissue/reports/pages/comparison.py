@@ -11,8 +11,7 @@ import pandas as pd
 
 from bayestissue.base.errors import InputError
 from bayestissue.base.remedies import codes_in
-from bayestissue.base.results import read_tables
-from bayestissue.base.results.tables import table_of_rows, typed, wrong_in
+from bayestissue.base.results.tables import read_tables, table_of_rows, typed, wrong_in
 from bayestissue.inference.results.meanings import (
     NAMES,
     UNITS,

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from bayestissue.base.outline import numbers_in_short
 from bayestissue.base.remedies import codes_in
-from bayestissue.base.results import read_table
+from bayestissue.base.results.tables import read_table
 from bayestissue.reports.figures import study
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.figures.theme import number as channel

@@ -14,7 +14,8 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.base.errors import InputError, Problem
-from bayestissue.base.results import require_as_written, whole_file
+from bayestissue.base.results.files import whole_file
+from bayestissue.base.results.manifest import require_as_written
 from bayestissue.base.results.tables import AGAIN, HELD, wrong_in
 from bayestissue.base.runtime import FORMAT
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from bayestissue.base.results import write_table
+from bayestissue.base.results.tables import write_table
 from bayestissue.base.words import PLAIN, Words
 from bayestissue.reports.figures.theme import Figure, Specification
 from bayestissue.reports.paper import PRINT, WIDTH_MM

@@ -21,7 +21,7 @@ import pandas as pd
 from pydantic import TypeAdapter, ValidationError
 
 from bayestissue.base.errors import InputError, Problem, refuse
-from bayestissue.base.results import whole_file
+from bayestissue.base.results.files import whole_file
 from bayestissue.base.results.tables import csv_text
 from bayestissue.base.settings import parse_toml, read_text
 from bayestissue.recordings.dataset import Dataset

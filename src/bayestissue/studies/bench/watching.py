@@ -19,8 +19,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.base.errors import Coded, InputError, Problem, printable
-from bayestissue.base.results import put
-from bayestissue.base.results.files import file_sha256
+from bayestissue.base.results.files import file_sha256, put
 from bayestissue.base.results.manifest import discard, mark_unfinished, require_left_over
 from bayestissue.base.words import Words
 from bayestissue.inference.answers.predictions import QUANTITIES

@@ -12,10 +12,11 @@ import jax
 import numpy as np
 import pandas as pd
 
-from bayestissue.base import results, runtime
+from bayestissue.base import runtime
 from bayestissue.base.errors import InputError
 from bayestissue.base.outline import Rows, short
 from bayestissue.base.result import Result
+from bayestissue.base.results.files import whole_file
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.results import ChainEnd
@@ -229,7 +230,7 @@ def _refitted(
             continue
         one = _one(study.prepared, truth, seed, number)
         if path is not None:
-            with results.whole_file(path) as staging:
+            with whole_file(path) as staging:
                 staging.write_text(json.dumps(one), encoding="utf-8")
         done.append(one)
     return done

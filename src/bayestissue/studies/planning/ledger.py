@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base import results, runtime
+from bayestissue.base import runtime
+from bayestissue.base.results.files import whole_file
 from bayestissue.base.settings import Table
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.studies.planning.assurance import PER_STUDY, Assessment, Goal, Progress, planner
@@ -117,7 +118,7 @@ class Ledger:
                 self._studies[key] = studies.drop_duplicates("study").sort_values("study")
         if self._parts is not None:
             name = sha256_of([case.key for case in cases])[:16]
-            with results.whole_file(self._parts / f"{name}-{first}.parquet") as path:
+            with whole_file(self._parts / f"{name}-{first}.parquet") as path:
                 pd.concat(tables, ignore_index=True).to_parquet(path, index=False)
 
     def _read(self, key: str, goal: Goal, studies: int) -> Assessment:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.base import results, runtime
+from bayestissue.base import runtime
 from bayestissue.base.errors import path_argument
 from bayestissue.base.outline import Rows, short
 from bayestissue.base.result import Result
+from bayestissue.base.results.files import write_json
 from bayestissue.base.results.tables import table_of_rows, typed
 from bayestissue.inference.answers.fixed import confounded
 from bayestissue.inference.answers.meaning import as_recorded
@@ -88,7 +89,7 @@ class Plan(Result):
         """Write every file of a plan, but for the page that is drawn of them."""
         super().write(folder)
         self.studies.to_parquet(folder / STUDIES, index=False)
-        results.write_json(self.content, folder / PLAN)
+        write_json(self.content, folder / PLAN)
 
 
 def plan(

@@ -121,7 +121,7 @@ def _tissue(name: str) -> dict[str, Any]:
 
 def _held(run: Path, truth: pd.DataFrame) -> list[Compared]:
     """Of a finished fit: how many 90 % intervals hold the truth, and the farthest from it."""
-    from bayestissue.base.results import read_table
+    from bayestissue.base.results.tables import read_table
 
     summary = read_table(run, _SUMMARY)
     held, distances = [], []
@@ -174,7 +174,7 @@ def resumed(folder: Path, whole: Path) -> list[Compared]:
         folder: an empty one.
         whole: of `recovered`, of the model "impact".
     """
-    from bayestissue.base.results import read_table
+    from bayestissue.base.results.tables import read_table
 
     dataset, out = whole / "recorded", folder / "fit"
     process = subprocess.Popen(  # noqa: S603 - this program

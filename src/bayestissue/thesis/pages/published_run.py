@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.results import read_tables
+from bayestissue.base.results.tables import read_tables
 from bayestissue.inference.results.meanings import UNITS
 from bayestissue.reports.pages.posterior import QUANTITIES, spread
 from bayestissue.reports.pages.run_folder import (

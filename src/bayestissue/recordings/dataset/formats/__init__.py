@@ -7,15 +7,7 @@ from bayestissue.recordings.dataset.formats import (
     labview,
     mat,
 )
-from bayestissue.recordings.dataset.formats.channel import (
-    Channel,
-    Contents,
-    Format,
-    Labels,
-    UnfitError,
-    even_clock,
-    unit_in_name,
-)
+from bayestissue.recordings.dataset.formats.channel import Format
 
 # In the order in which the manual shows them.
 EACH = (
@@ -26,15 +18,3 @@ EACH = (
     *hdf5.FORMATS,
 )
 FORMATS: dict[str, Format] = {suffix: form for form in EACH for suffix in form.suffixes}
-
-__all__ = [
-    "EACH",
-    "FORMATS",
-    "Channel",
-    "Contents",
-    "Format",
-    "Labels",
-    "UnfitError",
-    "even_clock",
-    "unit_in_name",
-]

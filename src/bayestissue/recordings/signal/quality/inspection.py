@@ -64,7 +64,9 @@ def inspect(dataset: Dataset, options: SignalOptions | None = None) -> Findings:
 def _velocities(dataset: Dataset, implied: Sequence[velocity.Implied]) -> list[str]:
     """What all recordings together say of the velocities, of each impact."""
     impacts = dataset.impacts
-    trial = pd.factorize(impacts["trial"].astype(str))[0]
+    trial = (
+        pd.factorize(impacts["trial"].astype(str))[0] if "trial" in impacts else np.zeros(len(impacts), int)
+    )
     falls = dataset.gravity > 0 or any(str(name).startswith("drop_height") for name in impacts)
     whole = velocity.Implied(*map(np.concatenate, zip(*implied, strict=True)))
     said = [

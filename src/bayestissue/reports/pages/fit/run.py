@@ -14,8 +14,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.base.errors import InputError, all_of
-from bayestissue.base.results import read_table
-from bayestissue.base.results.tables import table_of_rows, typed, wrong_in
+from bayestissue.base.results.tables import read_table, table_of_rows, typed, wrong_in
 from bayestissue.base.words import Words
 from bayestissue.inference.answers.study import GROUPS, Study
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, element_alone, symbols
