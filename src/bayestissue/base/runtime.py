@@ -89,7 +89,12 @@ def in_float64[**Arguments, Result](function: Callable[Arguments, Result]) -> Ca
 
         if jax.config.jax_enable_x64:
             return function(*args, **kwargs)
-        _refuse_traced(function.__name__, jax.tree.leaves((args, kwargs)))
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((args, kwargs))):
+            raise TypeError(
+                f"{function.__name__} was called within jax.jit, jax.grad, jax.vmap or the like while JAX is "
+                "set to float32; expected float64. Put the call of the transformed function into a block "
+                '"with jax.enable_x64(True):", or begin with jax.config.update("jax_enable_x64", True).'
+            )
         with jax.enable_x64(True):
             return jax.tree.map(_outside, function(*args, **kwargs))
 
@@ -117,17 +122,6 @@ def _outside(leaf: object) -> object:
     import numpy as np
 
     return np.asarray(leaf) if isinstance(leaf, jax.Array) and not isinstance(leaf, jax.core.Tracer) else leaf
-
-
-def _refuse_traced(name: str, arguments: list[object]) -> None:
-    import jax
-
-    if any(isinstance(argument, jax.core.Tracer) for argument in arguments):
-        raise TypeError(
-            f"{name} was called within jax.jit, jax.grad, jax.vmap or the like while JAX is set to float32; "
-            "expected float64. Put the call of the transformed function into a block "
-            '"with jax.enable_x64(True):", or begin with jax.config.update("jax_enable_x64", True).'
-        )
 
 
 def keep_compiled() -> None:

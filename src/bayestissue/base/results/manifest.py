@@ -52,16 +52,13 @@ def require_left_over(path: Path) -> None:
     """
     if path.is_symlink():
         raise InputError.stated("out-taken.hidden", str(path), value="a link")
-    if path.exists() and not _is_left_over(path):
+    try:
+        own = not path.exists() or not any(path.iterdir()) or "unfinished" in _read(path) or not foreign(path)
+    except OSError:
+        own = False
+    if not own:
         value = "something that no command of bayestissue left"
         raise InputError.stated("out-taken.hidden", str(path), value=value)
-
-
-def _is_left_over(path: Path) -> bool:
-    try:
-        return not any(path.iterdir()) or "unfinished" in _read(path) or not foreign(path)
-    except OSError:
-        return False
 
 
 def discard(folder: Path) -> None:
