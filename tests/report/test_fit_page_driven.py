@@ -136,11 +136,11 @@ def test_keys_alone_go_from_impact_to_impact(tab, page) -> None:
 
 
 @needs_browser
-def test_without_a_script_words_cards_and_tables_stand(tab, page) -> None:
+def test_without_a_script_words_and_tables_stand(tab, page) -> None:
     tab.open(page, scripts=False)
     assert tab.js("document.querySelectorAll('.drawing svg').length") == 0
     text = tab.js("document.body.innerText")
-    assert "What differs by side, and which is best?" in text
+    assert "What are K and C, and what differs by side?" in text
     assert "need JavaScript" in text
     assert tab.js("document.querySelectorAll('.chart .numbers table').length") == tab.js(
         "document.querySelectorAll('.chart').length"
@@ -150,10 +150,47 @@ def test_without_a_script_words_cards_and_tables_stand(tab, page) -> None:
 @needs_browser
 def test_nothing_is_wider_than_a_narrow_screen_and_every_figure_is_drawn(tab, page) -> None:
     tab.open(page, width=500)
-    tab.until("document.querySelectorAll('main > section:not(:has(> details)) .drawing').length > 5")
+    tab.until("document.querySelectorAll('main > section:not(:has(> details)) .drawing').length > 3")
     tab.until(f"{CHARTS}.filter(chart => chart.offsetParent){EACH_IS_DRAWN}")
     assert tab.js("document.documentElement.scrollWidth") <= 500
     assert tab.errors == []
+
+
+PICTURES = "[...document.querySelectorAll('.pictures figure svg.marks')]"
+# How far each picture that is shown, and each word in it, reaches beyond its place.
+BEYOND = """[...document.querySelectorAll('.pictures .drawing')].filter(p => p.clientWidth).flatMap(p => {
+  const svg = p.querySelector('svg.marks'), whole = svg.getBoundingClientRect();
+  return [...svg.querySelectorAll('text')].map(text => text.getBoundingClientRect()).flatMap(box =>
+    [whole.left - box.left, box.right - whole.right, whole.top - box.top, box.bottom - whole.bottom]);
+})"""
+
+
+@needs_browser
+def test_the_first_screen_has_its_pictures_without_scrolling_and_no_word_is_cut(tab, page) -> None:
+    for width, height in ((1280, 800), (768, 1000), (400, 800)):
+        tab.open(page, width=width, height=height)
+        tab.until(f"{CHARTS}.slice(0, 4){EACH_IS_DRAWN}")
+        bottoms = tab.js(f"{PICTURES}.map(one => one.getBoundingClientRect().bottom)")
+        ends = [bottom for bottom in bottoms if bottom]
+        # On a narrow screen the second picture follows the first.
+        assert len(ends) == 2
+        assert (ends[0] if width == 400 else max(ends)) <= height
+        assert tab.js("document.documentElement.scrollWidth") <= width
+        assert max(tab.js(BEYOND)) < 1, (width, height)
+
+
+@needs_browser
+def test_a_key_turns_the_first_screen_from_k_to_c(tab, page) -> None:
+    tab.open(page)
+    tab.until(f"{CHARTS}.slice(0, 4){EACH_IS_DRAWN}")
+    tab.tab_to("document.activeElement.id === 'show-K'")
+    tab.key("ArrowRight")
+    shown = "[...document.querySelectorAll('.pictures figure')].filter(one => one.clientWidth)"
+    assert tab.js(f"{shown}.map(one => one.className)") == ["of-C", "of-C"]
+    assert tab.js(f"{shown}.map(one => one.querySelector('figcaption').textContent)")[0].startswith(
+        "C, left over"
+    )
+    assert max(tab.js(BEYOND)) < 1
 
 
 @needs_browser
@@ -161,11 +198,16 @@ def test_in_print_every_part_is_open_and_every_figure_drawn(tab, page) -> None:
     tab.open(page)
     # Those in closed parts too: nothing can be drawn while a page is being printed.
     tab.until(f"{CHARTS}{EACH_IS_DRAWN}")
-    copies = "document.querySelectorAll('.again svg').length"
-    seen = f"[document.querySelector('#diagnostics details').open, {copies}]"
-    tab.js(f"addEventListener('beforeprint', () => {{ window.seen = {seen}; }})")
+    # Of both K and C, of which the screen shows one.
+    shown = f"{PICTURES}.filter(one => one.getClientRects().length)"
+    assert tab.js(f"{shown}.length") == 2
+    opened = "document.querySelector('#diagnostics details').open"
+    tab.js(f"addEventListener('beforeprint', () => {{ window.seen = {opened}; }})")
     assert tab.pdf().startswith(b"%PDF")
-    assert tab.js("window.seen") == [True, 2]
+    assert tab.js("window.seen") is True
+    tab.call("Emulation.setEmulatedMedia", media="print")
+    assert tab.js(f"{shown}.length") == 4
+    tab.call("Emulation.setEmulatedMedia", media="")
     # Afterwards the page is as it was.
     assert tab.js("document.querySelector('#diagnostics details').open") is False
 
@@ -193,14 +235,14 @@ def test_a_figure_and_its_numbers_are_saved(tab, page, run, tmp_path) -> None:
 
 @needs_browser
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext is not installed")
-def test_the_printed_page_holds_cards_and_tables(tab, page, run) -> None:
+def test_the_printed_page_holds_sentences_and_tables(tab, page, run) -> None:
     tab.open(page)
     tab.until(f"{CHARTS}{EACH_IS_DRAWN}")
     command = ["pdftotext", "-layout", "-", "-"]
     text = subprocess.run(command, input=tab.pdf(), capture_output=True, check=True).stdout.decode()  # noqa: S603
     words = " ".join(text.split())
-    for card in ("which is best?", "What are K and C?", "How repeatable is a measurement?"):
-        assert card in words
+    for answer in ("K, left over right: ×", "C, left over right: ×", "How repeatable is a measurement?"):
+        assert answer in words
     for heading in ("Comparisons", "Diagnostics of the sampler", "Provenance"):
         assert heading in words
     assert all(impact in words for impact in run.impacts), "the table of impacts is open"

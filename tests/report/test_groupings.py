@@ -69,7 +69,7 @@ def test_groups_and_slopes_are_found_by_their_names(made) -> None:
     ]
 
 
-def test_the_first_screen_says_whether_people_differ_in_the_dependence_on_mass(made) -> None:
+def test_the_page_says_whether_people_differ_in_the_dependence_on_mass(made) -> None:
     folder, differ = made
     about = read_json(folder / "run.json")
     told = differing_words(read_fit_run(folder, about))
@@ -81,12 +81,13 @@ def test_the_first_screen_says_whether_people_differ_in_the_dependence_on_mass(m
         assert told.startswith("People are not seen to differ in it: in K no person is told apart")
         return
     html = fit_page(folder, about)
-    first = html[html.index("Is the dependence on mass real?") : html.index('<section id="estimates"')]
-    assert told in first
+    assert told in html[html.index('<section id="mass"') : html.index('<section id="residuals"')]
     text = re.sub(r"<[^>]+>", " ", html)
     assert "mass exponent of K of each person itself" in text
     assert "K of each of the levels of subject:side at 0.7 kg" in text
-    assert "K, C and thickness_m of each person at 0.7 kg" in text
+    # K and C of each person stand on the first screen.
+    assert "K, C and thickness_m of each person at 0.7 kg" not in text
+    assert "thickness_m of each person at 0.7 kg" in text
     assert "sd_subject_side_K" in text
     for words in ("thickness_m of each person, ranked", "log thickness_m", "sd_subject_thickness_m"):
         assert words in text, words

@@ -32,13 +32,18 @@ def html(tmp_path_factory) -> str:
 
 
 @pytest.mark.slow
-def test_the_first_screen_says_what_differs(html) -> None:
+def test_the_first_screen_says_what_differs_and_the_comparisons_all_of_it(html) -> None:
     first = plain(html[html.index('class="first"') : html.index("<nav")])
-    assert "What differs by side, and which is best?" in first
+    assert "What are K and C, and what differs by side?" in first
+    assert re.search(r"K, left over right: × 1\.\d+ \(1\.\d+ to 1\.\d+\), almost certainly greater\.", first)
+    assert re.search(
+        r"C, left over right: × [01]\.\d+ \(.*?\), almost certainly the same within 10 %\.", first
+    )
+    compared = plain(section(html, "comparisons"))
     ratios = r"left over right: K × 1\.\d+ 1\.\d+ to 1\.\d+; C × [01]\.\d+ .*; peak force × 1\.\d+"
-    assert re.search(ratios, first)
-    assert "K is almost certainly greater for left (probability above 0.999)" in first
-    assert "that it differs by less than 10 % is" in first
+    assert re.search(ratios, compared)
+    assert "K is almost certainly greater for left (probability above 0.999)" in compared
+    assert "that it differs by less than 10 % is" in compared
     page = Reader()
     page.feed(html)
     assert page.open == []
@@ -56,12 +61,13 @@ def test_an_interaction_leads_and_what_goes_with_a_level_is_said(tmp_path) -> No
     pd.concat([table, further]).to_csv(folder / "contrasts.csv", index=False)
     html = write_report(folder).read_text(encoding="utf-8")
     first = plain(html[html.index('class="first"') : html.index("<nav")])
-    assert (
-        "which is best? Interaction: after over before, treated over control: K × 1.22 1.10 to 1.35" in first
-    )
+    led = "K, after over before, treated over control: × 1.22 (1.10 to 1.35), very probably greater."
+    assert led in first
+    compared = plain(section(html, "comparisons"))
+    assert "Interaction: after over before, treated over control: K × 1.22 1.10 to 1.35" in compared
     words = "K, after over before, is very probably greater for treated than for control (probability 0.98)"
-    assert words in first
-    assert "Between left and right also differs, and is part of the ratio: pad (p1 against p2)." in first
+    assert words in compared
+    assert "Between left and right also differs, and is part of the ratio: pad (p1 against p2)." in compared
     assert "treated:after/before over control:after/before" in section(html, "comparisons")
     assert "also differs: pad" in section(html, "comparisons")
 
@@ -79,7 +85,8 @@ def test_columns_in_no_formula_lead_the_first_screen_as_questions(tmp_path) -> N
     path.write_text(json.dumps(record | {"columns_not_used": [pad]}), encoding="utf-8")
     html = write_report(folder).read_text(encoding="utf-8")
     first = plain(html[html.index('class="first"') : html.index("<nav")])
-    assert first.index("pad varies") < first.index("What differs by side") < first.index("What are K and C?")
+    assert "What varies and is in no formula? pad pad varies" in first
+    assert first.index("pad varies") < first.index("what differs by side")
     asked = "pad varies (4 levels) and is not in the formula: does K differ by pad? --K"
     assert f"{asked} &#34;{pad['formula']}&#34;" in first
 
@@ -102,16 +109,15 @@ def test_outcomes_of_a_comparison_stand_side_by_side(html) -> None:
     cell = r"\d\.\d+ \(\d\.\d+ to \d\.\d+\)"
     assert re.search(rf"{heading} side left over right {cell} {cell} {cell}", text)
     # K and C alone stand in the first table.
-    assert text.count("left over right") == 3
-    without = plain(part[: part.index("The same in what")])
-    assert "peak force" not in without
+    first, then = part.index("Ratios of K and of C"), part.index("The same in what")
+    assert plain(part[first:]).count("left over right") == 3
+    assert "peak force" not in plain(part[first:then])
 
 
 def test_reliability_is_told_in_words_and_in_a_table(html) -> None:
     text = plain(section(html, "reliability"))
-    assert "the measuring chain makes 1.0 % and the person" in text
-    assert re.search(r"Its ICC\(C,1\) is 0\.\d+ \(0\.\d+ to \d\.\d+\), its ICC\(A,1\) 0\.\d+", text)
-    assert re.search(r"for an ICC\(A,k\) of 0\.9 a person needs \d+ repeats? \(\d+ to \d+\)", text)
+    change = r"A person’s K must change by \d+\.\d % to show \(95 %, all else the same\)\."
+    assert re.search(rf"{change} Its ICC\(A,1\) is 0\.\d+ \(0\.\d+ to \d\.\d+\)\. A person’s C", text)
     for words in ("ICC(C,k), k = 3", "minimal detectable change", "taken as known", "ICC(A,k) of 0.75"):
         assert words in text
 
@@ -140,9 +146,9 @@ def test_methods_stand_side_by_side_with_limits_of_agreement(html) -> None:
     assert float(found[1]) == pytest.approx(2, abs=0.02)
 
 
-def test_a_study_with_nothing_to_compare_has_no_such_card(tmp_path) -> None:
+def test_a_study_with_nothing_to_compare_says_so(tmp_path) -> None:
     html = write_report(make_fit_run(tmp_path / "run")).read_text(encoding="utf-8")
-    assert "What differs?" not in html
+    assert "and what differs by" not in html
     assert "No formula of this model compares levels" in html
 
 

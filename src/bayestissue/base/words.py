@@ -26,7 +26,7 @@ _TOLD = re.compile(r'(?<= )(title|aria-label|alt|summary)="[^"]*"')
 # Of a chart: what names columns or computes, instead of being shown.
 _COMPUTED = frozenset(
     {
-        *("field", "fields", "detail", "groupby", "as", "sort"),
+        *("field", "fields", "detail", "groupby", "as"),
         *("calculate", "filter", "test", "expr", "param", "name", "type", "$schema", "data"),
     }
 )

@@ -23,6 +23,7 @@ from bayestissue.reports.figures.theme import (
     mark,
     number,
     scale_over,
+    shapes,
     tooltips,
     where,
 )
@@ -39,11 +40,14 @@ _TITLES = {
     **INTERVALS,
 }
 # Over the mass.
+THESIS = "thesis's method"
 LINES: dict[str, Specification] = {
     "exponent 0": {"color": INK, "strokeDash": DASHED},
     "exponent 1": {"color": INK, "strokeDash": DOTTED},
     "line of the thesis": {"color": RECORDED, "strokeDash": [8, 3, 2, 3]},
 }
+
+EXPONENTS = {"exponent 0": "no dependence on the mass", "exponent 1": "in proportion to the mass"}
 
 
 def axis_title(quantity: str, names: Mapping[str, str] = NAMES) -> str:
@@ -161,13 +165,13 @@ def over_mass(
         others: further values, such as point estimates by another method: ``mass_kg``, ``value``, ``kind``
             and, where they have one, the ends ``low`` and ``high`` of a range.
     """
-    condition, column, title = f"condition, {who}", COLUMNS[quantity], axis_title(quantity, names)
-    kinds = ["impact", condition, *(str(rows["kind"].iloc[0]) for rows in others)]
+    column, title = COLUMNS[quantity], axis_title(quantity, names)
+    kinds = ["impact", who, *(str(rows["kind"].iloc[0]) for rows in others)]
     known = pd.concat([impacts[column], *(rows["value"] for rows in others)])
     X = number("mass_kg", MASS, scale={"type": "log", "nice": False, "padding": 12})
     scale = {"type": "log", "nice": False, "domain": [known.min() / 1.15, known.max() * 1.15]}
-    colour = colours(kinds, **{"impact": MUTED, condition: POSTERIOR})
-    parameters, shown = _choice(impacts)
+    colour = colours(kinds, **{"impact": MUTED, who: POSTERIOR, THESIS: RECORDED})
+    shape = shapes(kinds)
 
     def y(field: str) -> Specification:
         return number(field, title, scale=scale)
@@ -177,29 +181,39 @@ def over_mass(
         band = {"x": X, "y": y("eti90_low"), "y2": {"field": "eti90_high"}}
         layers.append(mark("area", curve, band, color=POSTERIOR, opacity=0.2, clip=True))
         layers.append(mark("line", curve, {"x": X, "y": y("median")}, color=POSTERIOR, clip=True))
+    dashes = {"domain": list(EXPONENTS.values()), "range": [LINES[line]["strokeDash"] for line in EXPONENTS]}
     for line, style in LINES.items():
         if line in curve:
-            layers.append(mark("line", curve, {"x": X, "y": y(line)}, strokeWidth=1.2, clip=True, **style))
+            drawn: Specification = {"x": X, "y": y(line), "strokeDash": None}
+            if line in EXPONENTS:
+                legend = {"orient": "bottom", "symbolStrokeColor": INK}
+                drawn["strokeDash"] = {
+                    "datum": EXPONENTS[line],
+                    "title": None,
+                    "scale": dashes,
+                    "legend": legend,
+                }
+            layers.append(mark("line", curve, drawn, strokeWidth=1.2, clip=True, **style))
     points = {
         "x": X,
         "y": y(column),
-        "color": where(_CHOSEN, RECORDED, colour),
-        "size": where(_CHOSEN, LOOK.chosen, LOOK.over_mass),
-        "opacity": where(shown, 0.7, 0.06),
+        "color": colour,
+        "shape": shape,
         "tooltip": tooltips(impacts, **_TITLES),
     }
-    layers.append(mark("point", impacts.assign(kind="impact"), points, clip=True))
-    conditions = conditions.assign(kind=condition)
+    impact = mark("point", impacts.assign(kind="impact"), points, size=LOOK.over_mass, opacity=0.7, clip=True)
+    layers.append(impact)
+    conditions = conditions.assign(kind=who)
     details = tooltips(conditions, label="condition", median="median", eti90_low="90 % from", eti90_high="to")
     reach = {"x": X, "y": y("eti90_low"), "y2": {"field": "eti90_high"}, "color": colour}
     layers.append(mark("rule", conditions, reach, strokeWidth=1.4, clip=True))
-    middle = {"x": X, "y": y("median"), "color": colour, "tooltip": details}
-    layers.append(mark("point", conditions, middle, shape="square", size=50, clip=True))
+    middle = {"x": X, "y": y("median"), "color": colour, "shape": shape, "tooltip": details}
+    layers.append(mark("point", conditions, middle, size=50, clip=True))
     for rows in others:
         if "low" in rows:
             reach = {"x": X, "y": y("low"), "y2": {"field": "high"}, "color": colour}
             layers.append(mark("rule", rows, reach, clip=True))
-        marks = {"x": X, "y": y("value"), "color": colour}
-        layers.append(mark("point", rows, marks, shape="diamond", filled=False, size=70, clip=True))
+        marks = {"x": X, "y": y("value"), "color": colour, "shape": shape}
+        layers.append(mark("point", rows, marks, filled=False, size=70, clip=True))
     layers[0]["params"] = [ZOOM]
-    return Figure(layered(layers, 340, params=parameters), words, impacts)
+    return Figure(layered(layers), words, impacts)

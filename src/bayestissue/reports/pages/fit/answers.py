@@ -15,6 +15,7 @@ from bayestissue.reports.pages.fit.estimates import (
 from bayestissue.reports.pages.fit.population import differing_words
 from bayestissue.reports.pages.fit.run import FitRun
 from bayestissue.reports.pages.fit.sentences import SENTENCES, said
+from bayestissue.reports.pages.fit.study import equivalence, first_contrasts
 from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.posterior import (
     COMMON_DEPTH,
@@ -23,12 +24,16 @@ from bayestissue.reports.pages.posterior import (
     OWN_DEPTH,
     QUANTITIES,
     SURE,
+    Levels,
     exponent,
     hypothesis_probability,
+    levels,
     spread,
+    sureness,
 )
 from bayestissue.reports.pages.settings import LIMITS, WORTH
-from bayestissue.reports.pages.wording import Spread, listed, relative, significant
+from bayestissue.reports.pages.tables import Row, Table, columns
+from bayestissue.reports.pages.wording import Spread, listed, percent, relative, significant
 
 
 def has_common_depth(run: FitRun) -> bool:
@@ -87,12 +92,67 @@ def person_words(run: FitRun) -> dict[str, str]:
     return dict(SENTENCES["one_person" if run.people_count == 1 else "people"])
 
 
-def the_only_impact(run: FitRun) -> list[tuple[str, str, Spread]]:
-    """K and C of a single impact, each with its unit; empty where there are several impacts."""
+def level_of(run: FitRun, quantity: str) -> Levels:
+    """K (or C) of a typical person and of a new one, of K beside a discrepancy K_secant of these impacts."""
+    return levels(run)[QUANTITIES.index(quantity)]
+
+
+def compared(run: FitRun, quantity: str) -> list[tuple[str, str]]:
+    """Whose K (or C) the first picture has: dimensions, people the last, each with its variable."""
+    dimensions = [*dict.fromkeys(run.levels["factor"])][: LIMITS.comparisons]
+    dimensions += ["subject"] * (run.people_count > 1)
+    return [(name, variable) for name in dimensions if (variable := run.of_levels(quantity, str(name)))]
+
+
+def who_sentence(run: FitRun, quantity: str) -> str:
+    """What differs, or else K (or C) of a typical and of a new person; of one impact its own K."""
+    level, words = level_of(run, quantity), person_words(run)
+    if len(run.impacts) == 1:
+        own = run.estimates_by_method[quantity][["median", "eti90_low", "eti90_high"]].to_numpy()[0]
+        return worded("fit", "who_alone", level, Spread(*own))
+    for contrast in first_contrasts(run):
+        if level.quantity in contrast["rows"]:
+            return worded("fit", "who_differs", level, words, contrast, percent(equivalence(run)), SURE)
+    return worded("fit", "who", level, words, bool(compared(run, quantity)))
+
+
+def scatter_sentence(run: FitRun, quantity: str) -> str:
+    """How well each impact is known, and how impacts of one person and condition scatter."""
+    scatter = next(row for row in sureness(run) if row["quantity"] == run.symbols[quantity]).get("impact", "")
+    return worded("fit", "scatter", run.symbols[quantity], impact_sureness(run, quantity), scatter)
+
+
+def mass_sentence(run: FitRun, quantity: str) -> str:
+    """Whether K (or C) depends on the mass, and what the thesis's method finds in the same recordings."""
+    which = answering(run)[quantity]
+    exponents = (exponent(run, which), apparent_exponent(run, quantity))
+    probabilities = [hypothesis_probability(run, which, name) for name in (FIXED, CONSTANT)]
+    what = f"K at {depth_words(run)}" if which == COMMON_DEPTH else run.symbols[quantity]
+    made = _made_by_method(run, quantity)
+    return worded("fit", "mass_at_once", what, exponents, probabilities, made, SURE)
+
+
+def more_table(run: FitRun) -> Table:
+    """For K and for C: how well an impact is known, and how people, conditions and impacts differ."""
+    rows = {
+        "one recorded impact: half its 90 % interval (median)": [impact_sureness(run, q) for q in QUANTITIES]
+    }
+    of_all = sureness(run)
     if len(run.impacts) > 1:
-        return []
-    impact = {q: table[["median", "eti90_low", "eti90_high"]] for q, table in run.estimates_by_method.items()}
-    return [(run.symbols[q], UNITS[q], Spread(*ends.to_numpy()[0])) for q, ends in impact.items()]
+        between = {"subject": "people", "trial": "conditions", "impact": "impacts"}
+        rows |= {
+            f"spread between {one}": [row.get(key, "") for row in of_all] for key, one in between.items()
+        }
+    if first_contrasts(run):
+        typical = [f"{one.typical.value} {one.unit} ({one.typical.range})" for one in levels(run)]
+        rows = {person_words(run)["typical"]: typical} | rows
+    held = held_by_intervals(run).query("level == 90")
+    if len(held):
+        counted = [f"{row.held} of {row.impacts}" for row in held.itertuples()]
+        rows["simulated data: 90 % intervals that hold the true value"] = counted
+    known = {what: values for what, values in rows.items() if any(values)}
+    titles = ("", *run.symbols.values())
+    return Table(columns(*titles, words=titles[:1]), [Row((what, *values)) for what, values in known.items()])
 
 
 def secant_sentence(run: FitRun) -> str:
@@ -126,13 +186,6 @@ def impact_sureness(run: FitRun, quantity: str) -> str:
     return relative(float(np.sqrt((table["eti90_high"] / table["eti90_low"]).median()) - 1))
 
 
-def held_sentence(run: FitRun) -> str:
-    """For simulated data, how many 90 % intervals hold the truth; empty otherwise."""
-    counted = held_by_intervals(run).query("level == 90").to_dict("records")
-    parts = ["{held} of {impacts} for {quantity}".format_map(row) for row in counted]
-    return f"Simulated data: the 90 % intervals hold the true value in {listed(parts)}." if parts else ""
-
-
 def method_sentence(run: FitRun) -> str:
     """How the thesis's point estimates compare in size with the posterior."""
     ratios = [f"{significant(dds_ratio(run, q), 2)} times this {run.symbols[q]}" for q in QUANTITIES]
@@ -156,19 +209,10 @@ def mass_conclusion(run: FitRun) -> str:
     return f"{typical} {differing_words(run)}".strip()
 
 
-def contrast_sentence(run: FitRun) -> Markup:
-    """What the thesis's point estimates of the same traces show, and where that is the method's making."""
-    apparent = {quantity: apparent_exponent(run, quantity) for quantity in QUANTITIES}
-    shown = [
-        Markup("{} ∝ M<sup>{}</sup> ({})").format(quantity, line.slope.value, line.slope.range)
-        for quantity, line in apparent.items()
-        if line
-    ]
-    if not shown:
-        return Markup()
-    artefacts: list[str] = [quantity for quantity in QUANTITIES if _made_by_method(run, quantity)]
-    blame = f": the trend of {listed(artefacts)} is made by the method" if artefacts else ""
-    return Markup("Thesis's method on the same traces: {}{}.").format(Markup(", ").join(shown), blame)
+def blame_sentence(run: FitRun) -> str:
+    """Of which quantities the thesis's method makes a trend over the mass; empty where of none."""
+    made: list[str] = [q for q in QUANTITIES if _made_by_method(run, q)]
+    return f"The trend of {listed(made)} over the mass is made by the method." if made else ""
 
 
 def _made_by_method(run: FitRun, quantity: str) -> bool:

@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import pandas as pd
 
-from bayestissue.inference.results.meanings import COLUMNS, NAMES, UNITS
+from bayestissue.inference.results.meanings import COLUMNS, NAMES, TOGETHER, UNITS
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.reports.figures import impacts as of_impacts
 from bayestissue.reports.figures import study
 from bayestissue.reports.figures import traces as of_traces
 from bayestissue.reports.figures.impacts import axis_title
-from bayestissue.reports.figures.intervals import intervals, quantiles, with_ranks
-from bayestissue.reports.figures.theme import Figure
-from bayestissue.reports.pages.fit import outcomes, traces
-from bayestissue.reports.pages.fit.estimates import TITLE, mass_varies, method_values, shown_rows
+from bayestissue.reports.figures.intervals import ENDS, intervals, quantiles, with_ranks
+from bayestissue.reports.figures.theme import HEIGHT, Figure
+from bayestissue.reports.pages.fit import answers, outcomes, traces
+from bayestissue.reports.pages.fit.estimates import (
+    TITLE,
+    apparent_exponent,
+    mass_varies,
+    method_values,
+    shown_rows,
+)
 from bayestissue.reports.pages.fit.population import OwnSlope, groupings, own_slopes
 from bayestissue.reports.pages.fit.run import FitRun
 from bayestissue.reports.pages.fit.sentences import said
-from bayestissue.reports.pages.posterior import QUANTITIES, exponent_figure, group_words, mass_curve
+from bayestissue.reports.pages.posterior import (
+    QUANTITIES,
+    exponent_figure,
+    group_words,
+    mass_curve,
+    typical_draws,
+)
 from bayestissue.reports.pages.settings import LIMITS
 
 
@@ -47,6 +59,53 @@ def people(run: FitRun, quantity: str = "K", level: str = "subject") -> Figure:
         f"{name} ({unit})",
         said("figures.people", name=name, one=one),
     )
+
+
+def who(run: FitRun, quantity: str = "K") -> Figure:
+    """K (or C) of the typical person, of each level that is compared, and of each person; a new one's band.
+
+    Of one impact its own.
+    """
+    level, typical = answers.level_of(run, quantity), answers.person_words(run)["typical"]
+    drawn = run.draws(TOGETHER) if level.these else typical_draws(run, quantity)
+    parts = [quantiles(drawn[:, None], ["these impacts" if level.these else typical])]
+    for dimension, variable in answers.compared(run, quantity):
+        draws, labels = run.draws(variable), run.labels(dimension)
+        people = dimension == "subject"
+        named = (
+            with_ranks(draws, labels)
+            if people
+            else quantiles(draws, [f"{dimension} {one}" for one in labels])
+        )
+        parts.append(named)
+    if alone := len(run.impacts) == 1:
+        parts = [run.estimates_by_method[quantity][list(ENDS)].assign(label="this impact")]
+    rows = pd.concat(parts, ignore_index=True)
+    figure = intervals(
+        rows.fillna({"rank": ""}) if "rank" in rows else rows,
+        axis_title(quantity, run.names),
+        said("figures.who", name=run.names[quantity]),
+        lines=() if alone else (level.typical.median,),
+        band=None if alone or level.these else (level.new.low, level.new.high),
+    )
+    return replace(figure, chart=figure.chart | {"height": min(figure.chart["height"], HEIGHT)})
+
+
+def first(run: FitRun, quantity: str) -> Iterator[tuple[str, Figure, str]]:
+    """The pictures of K (or C) on the first screen: name, figure and the sentence that it shows.
+
+    Who differs, and the dependence on mass; every impact in order where one of them can't be.
+    """
+    several, sentence = bool(answers.compared(run, quantity)), answers.who_sentence(run, quantity)
+    in_order = f"{quantity}-of-impacts", impacts(run, "order", quantity)
+    if several or len(run.impacts) == 1:
+        yield f"{quantity}-of-whom", who(run, quantity), sentence
+    else:
+        yield *in_order, sentence
+    if mass_varies(run):
+        yield f"{quantity}-over-mass", mass(run, quantity, thesis=True), answers.mass_sentence(run, quantity)
+    elif several:
+        yield *in_order, answers.scatter_sentence(run, quantity)
 
 
 def sides(run: FitRun) -> list[str]:
@@ -148,7 +207,7 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
     masses = run.constant("mass_kg")
     trial = run.constant("impact_trial").astype(str)
     at = np.exp(pd.Series(np.log(masses)).groupby(trial).mean().reindex(run.labels("trial")))
-    who = "this person" if run.people_count == 1 else "typical person"
+    whose = answers.person_words(run)["typical"]
     if variable := run.of_levels(quantity, "trial"):
         conditions = quantiles(run.draws(variable), run.labels("trial"))
     else:
@@ -157,20 +216,24 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
         median = np.exp(logs.reindex(run.labels("trial")).to_numpy())
         conditions = pd.DataFrame({"label": run.labels("trial"), "median": median})
         conditions[["eti90_low", "eti90_high"]] = np.nan
-        who = "geometric mean of its impacts"
+        whose = "geometric mean of its impacts"
     conditions = conditions.assign(mass_kg=np.asarray(at))
     dds = run.point_estimates[["impact", "mass_kg", COLUMNS[quantity]]].rename(
         columns={COLUMNS[quantity]: "value"}
     )
+    curve = mass_curve(run, quantity, masses, run.reference_mass)
+    if thesis and (line := apparent_exponent(run, quantity)):
+        ratio = curve["mass_kg"] / run.reference_mass
+        curve["line of the thesis"] = np.exp(line.intercept) * ratio**line.slope.median
     return of_impacts.over_mass(
         shown_rows(run.impacts_table),
         conditions,
-        mass_curve(run, quantity, masses, run.reference_mass),
+        curve,
         quantity,
         said("figures.mass", name=run.names[quantity]),
-        who=who,
+        who=whose,
         names=run.names,
-        others=[shown_rows(dds[dds["value"] > 0].assign(kind="thesis's method (dds)"))] if thesis else [],
+        others=[shown_rows(dds[dds["value"] > 0].assign(kind=of_impacts.THESIS))] if thesis else [],
     )
 
 
@@ -246,13 +309,15 @@ def lag_one(run: FitRun, left: traces.Residuals) -> Figure:
 def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
     """The figures of a fit that serve a paper: a name fit for a file, and what makes each."""
     for q in QUANTITIES:
+        if answers.compared(run, q):
+            yield f"{q}-of-whom", partial(who, run, q)
         for level in groupings(run):
             if run.of_levels(q, level):
                 yield f"{q}-by-{stem_of(level)}", partial(people, run, q, level)
         for factor in sides(run):
             yield f"{q}-paired-by-{factor}", partial(paired, run, q, factor)
         if mass_varies(run):
-            yield f"{q}-over-mass", partial(mass, run, q)
+            yield f"{q}-over-mass", partial(mass, run, q, thesis=True)
         if len(repeats(run, q)) > 1:
             yield f"{q}-repeatability", partial(repeatability, run, q)
         yield f"{q}-of-impacts", partial(impacts, run, "order", q)

@@ -68,8 +68,6 @@ def page_of(run: FitRun, **served: Any) -> str:
         untried=untried,
         one_impact=ONE_IMPACT,
         terms_left_out=terms_left_out,
-        # The thesis's estimates stand first where the model file asks for a comparison, and folded elsewhere.
-        thesis=bool(model.get("comparison", {}).get("formulas")),
         factors=factors(run.impacts_table),
         residuals=traces.residuals(run),
         exponent_plots=[

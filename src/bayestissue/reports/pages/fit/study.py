@@ -74,6 +74,7 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
             {
                 "what": contrast_name(kind, str(factor), str(level), str(against)),
                 "kind": kind,
+                "rows": {row["quantity"]: row for row in shown},
                 "levels": _level_values(run, str(factor), (str(level), str(against))),
                 "ratios": [(row["quantity"], _spread(row, "ratio")) for row in shown],
                 "outcomes": in_outcomes,
@@ -191,18 +192,16 @@ def _of_outcomes(contrasts: pd.DataFrame) -> pd.DataFrame:
 _COMPARED = (Field("of", "factor"), Field("comparison", lambda row: f"{row['level']} over {row['against']}"))
 
 
-def repeatability(run: FitRun) -> list[dict[str, Any]]:
-    """Of K and C the ICC(A,1) and the least change that shows; empty where people were hit once each."""
-    if not len(run.impacts) > run.people_count > 1:
-        return []
-    cells, answers = _by_place(run.reliability), []
+def repeatability(run: FitRun) -> list[str]:
+    """Of K and of C the least change that shows, all else the same, and the ICC(A,1), as sentences."""
+    cells, sentences = _by_place(run.reliability), []
     for q in QUANTITIES:
+        changes = [
+            _spread(row) for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)
+        ]
         icc = cells.get((q, ICC, "ICC(A,1)", "1"))
-        changes = [row for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)]
-        if icc and changes:
-            change = f"{_spread(changes[0]).value}\N{NO-BREAK SPACE}%"
-            answers.append({"quantity": q, "icc": _spread(icc), "change": change})
-    return answers
+        sentences.append(worded("fit", "repeatable", q, changes[:1], _spread(icc) if icc else None))
+    return sentences
 
 
 _PERCENT = "%"

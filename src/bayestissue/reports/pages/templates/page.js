@@ -42,8 +42,12 @@ const bayestissue = (() => {
     const spec = JSON.parse(await text(figure.querySelector(".packed")));
     await library();
     // As wide as the page leaves room, and no wider than the figure is meant to be by much.
-    // In a closed part there is no width yet.
-    const room = Math.max(place.clientWidth || Math.min(document.querySelector("main").clientWidth, 520), 240);
+    // What is hidden has no width yet: it gets that of what holds it.
+    let holder = place;
+    while (!holder.clientWidth && holder !== document.body) holder = holder.parentElement;
+    const room = Math.max(holder === place ? holder.clientWidth : Math.min(holder.clientWidth, 520), 240);
+    // Names below each other where beside each other they would be cut.
+    if (room < 420) spec.config.legend.columns = 1;
     if (spec.facet) { spec.columns = Math.min(spec.columns, Math.max(Math.floor(room / 220), 1)); spec.spec.width = (room - 60) / spec.columns - (spec.resolve.scale.y ? 65 : 25); }
     else if (spec.vconcat) spec.vconcat.forEach(part => { part.width = Math.min(room, 900) - 92; });
     else { spec.width = Math.min(room, 1.5 * (spec.width || 460)); spec.autosize = { type: "fit-x", contains: "padding" }; }
