@@ -38,7 +38,7 @@ velocity_m_s = 1.5
 def drops() -> list[tuple[str, str]]:
     """Names and contents of enough files."""
     from bayestissue.studies.simulation.campaign import simulate
-    from bayestissue.studies.simulation.specification import (
+    from bayestissue.studies.simulation.simulation_file import (
         Condition,
         Recording,
         Simulation,
@@ -93,7 +93,7 @@ class Lines:
 
 def measured() -> pd.DataFrame:
     """Seconds of every drop, in its order."""
-    from bayestissue.studies.bench.campaign import read_campaign
+    from bayestissue.studies.bench.campaign_file import read_campaign
     from bayestissue.studies.bench.drops import Drops
     from bayestissue.studies.bench.order import Order
     from bayestissue.studies.bench.watching import Watch

@@ -38,8 +38,8 @@ from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.model.hierarchy.specification import Sampler, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.model.hierarchy.traces import plain_model
-from bayestissue.model.likelihood.arma.displacement import displacement_record
+from bayestissue.model.hierarchy.trace_models import plain_model
+from bayestissue.model.likelihood.arma.displacements import displacement_record
 from bayestissue.model.likelihood.element.record import DecelerationRecord
 from bayestissue.studies.simulation import simulate
 

@@ -61,7 +61,7 @@ from bayestissue.inference.answers.reliability import (
 )
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.execution.compiling import by_row
-from bayestissue.inference.quantities.draws import drawn_from_prior
+from bayestissue.inference.quantities.quantity_draws import drawn_from_prior
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.model.hierarchy.derived import (
     effects_by_name,
@@ -69,12 +69,12 @@ from bayestissue.model.hierarchy.derived import (
     level_quantities,
     new_impact,
 )
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.gaussian.effects import SitesByCell, effects_from_standard
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import TraceModel, hyperparameters_at, sites_by_cell
+from bayestissue.model.hierarchy.trace_models import TraceModel, hyperparameters_at, sites_by_cell
 
 SEED = 2028
 DESIGN: dict[str, Any] = {

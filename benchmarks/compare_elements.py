@@ -23,8 +23,8 @@ from coverage import KEPT, Fits, campaign_of, model_of
 from evidence import recorded
 
 from bayestissue.base import runtime
-from bayestissue.inference.comparing import OF_IMPACTS, compare_runs
-from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.model_comparison import OF_IMPACTS, compare_runs
+from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.mechanics.elements import element_names
 from bayestissue.model.hierarchy.specification import Sampler

@@ -28,7 +28,7 @@ from evidence.references import tissue_of
 
 from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
-from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.results.tree import predicted
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.specification import ModelSpecification, read_specification

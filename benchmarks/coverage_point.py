@@ -21,7 +21,7 @@ import evidence
 import numpy as np
 
 from bayestissue.base import runtime
-from bayestissue.inference.single.estimates import estimate
+from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.studies.simulation import Simulation, simulate
 
 IMPACTS, DAMPED, NOISY, SEED = 600, 600, 300, 2917

@@ -30,7 +30,7 @@ from bayestissue.base.runtime import configure
 from bayestissue.mechanics.elements import element, element_names, impact
 from bayestissue.mechanics.oscillator import to_discrete
 from bayestissue.model.likelihood import arma21_log_likelihood
-from bayestissue.model.likelihood.arma.displacement import MeasuredDisplacement, displacement_record
+from bayestissue.model.likelihood.arma.displacements import MeasuredDisplacement, displacement_record
 from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 

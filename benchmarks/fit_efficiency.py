@@ -34,7 +34,7 @@ from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.model.hierarchy.traces import hyperparameters_at, trace_likelihood
+from bayestissue.model.hierarchy.trace_models import hyperparameters_at, trace_likelihood
 from bayestissue.recordings.dataset import read_dataset
 
 SEED = 1

@@ -22,7 +22,7 @@ import pandas as pd
 from scipy.stats import gmean
 from studies import Fitted, Interval, counted, ends, fitted, sides
 
-from bayestissue.inference.checking.masses import judge_force
+from bayestissue.inference.checking.mass_checks import judge_force
 from bayestissue.recordings.dataset.settings import Uncertainty
 from bayestissue.studies.simulation import Simulation, simulate
 

@@ -21,7 +21,7 @@ from evidence import recorded
 
 from bayestissue.base.runtime import configure
 from bayestissue.mechanics.oscillator import impact_motion, to_differences
-from bayestissue.model.likelihood.arma.displacement import MeasuredDisplacement, displacement_record
+from bayestissue.model.likelihood.arma.displacements import MeasuredDisplacement, displacement_record
 
 IMPACTS, SIZES, ROUNDS = 90, (256, 1024, 4096), 10
 # A contender slower than this a call is timed fewer times.

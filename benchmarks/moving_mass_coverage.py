@@ -22,8 +22,8 @@ import pandas as pd
 from studies import Fitted, Interval, counted, ends, fitted, of_draws, sides
 
 import bayestissue as bt
-from bayestissue.inference.checking.masses import judge_added_mass
-from bayestissue.inference.quantities.draws import prior_draws
+from bayestissue.inference.checking.mass_checks import judge_added_mass
+from bayestissue.inference.quantities.quantity_draws import prior_draws
 from bayestissue.recordings.dataset.settings import Uncertainty
 from bayestissue.studies.simulation import Campaign, Simulation, simulate
 

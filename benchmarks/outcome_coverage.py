@@ -39,7 +39,7 @@ from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ranked
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.quantities.draws import quantities
+from bayestissue.inference.quantities.quantity_draws import quantities
 from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
 from bayestissue.inference.results.tree import dimensions

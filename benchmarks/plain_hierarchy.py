@@ -19,7 +19,7 @@ from jax import Array
 
 from bayestissue.mechanics.oscillator import to_differences
 from bayestissue.model.hierarchy.population import expected, shared_mass_errors
-from bayestissue.model.hierarchy.traces import TraceData, TraceModel, physical, sample_hyperparameters
+from bayestissue.model.hierarchy.trace_models import TraceData, TraceModel, physical, sample_hyperparameters
 
 
 def cholesky_factor(sd_K: jax.Array, sd_C: jax.Array, correlation: jax.Array) -> jax.Array:
@@ -28,7 +28,7 @@ def cholesky_factor(sd_K: jax.Array, sd_C: jax.Array, correlation: jax.Array) ->
 
 
 def plain(model: TraceModel, data: TraceData) -> None:
-    """The density of `plain_model` in `bayestissue.model.hierarchy.traces`, the chain's errors latent.
+    """The density of `plain_model` in `bayestissue.model.hierarchy.trace_models`, the chain's errors latent.
 
     Deterministic sites ``locations`` (b), ``log_K`` and ``log_C`` of each impact are what is compared.
     """
@@ -90,7 +90,7 @@ def check_density(model: TraceModel, data: TraceData, u: list[Array]) -> None:
     Raises:
         AssertionError: the two differ.
     """
-    from bayestissue.model.hierarchy.traces import trace_likelihood
+    from bayestissue.model.hierarchy.trace_models import trace_likelihood
 
     record = data.record
     rng = np.random.default_rng(0)

@@ -43,12 +43,12 @@ from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal, planner
 from bayestissue.studies.planning.information import simulation_of
-from bayestissue.studies.planning.model import planned_model
-from bayestissue.studies.planning.population import BLOCK, Beliefs, Pilot, PlannedPopulation, Streams
-from bayestissue.studies.planning.posterior import PlannedSites, posteriors
+from bayestissue.studies.planning.plan_file import read_plan
+from bayestissue.studies.planning.planned_population import BLOCK, Beliefs, Pilot, PlannedPopulation, Streams
 from bayestissue.studies.planning.running import Running, RunningPrior, running_study
-from bayestissue.studies.planning.specification import read_plan
 from bayestissue.studies.planning.studies import arrangements
+from bayestissue.studies.planning.study_model import planned_model
+from bayestissue.studies.planning.study_posterior import PlannedSites, posteriors
 from bayestissue.studies.simulation import Simulation, simulate
 
 ROOT = Path(__file__).parents[1]

@@ -28,7 +28,7 @@ from bayestissue.base import runtime
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
 from bayestissue.model.hierarchy.design import build_design
 from bayestissue.model.hierarchy.specification import ModelSpecification, specification_of
@@ -36,10 +36,10 @@ from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal, planner
 from bayestissue.studies.planning.information import simulation_of
-from bayestissue.studies.planning.model import planned_model
-from bayestissue.studies.planning.population import BLOCK, Beliefs, PlannedPopulation, Streams
+from bayestissue.studies.planning.planned_population import BLOCK, Beliefs, PlannedPopulation, Streams
+from bayestissue.studies.planning.study_model import planned_model
 from bayestissue.studies.simulation import Simulation, simulate
-from bayestissue.studies.simulation.specification import Recording
+from bayestissue.studies.simulation.simulation_file import Recording
 
 # A share of one design is known to 18 %, the mean difference of all six from the plan to 7 %.
 NUMBER, PLANNED = 8, 2000

@@ -17,7 +17,7 @@ from evidence import recorded
 
 from bayestissue.base.runtime import configure
 from bayestissue.model.likelihood import arma21_log_likelihood
-from bayestissue.studies.selftest.published import PUBLISHED
+from bayestissue.studies.selftest.published_numbers import PUBLISHED
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "tests" / "likelihood"))

@@ -24,7 +24,7 @@ from sound import impacts as different
 from spoiling import sound_ones
 
 from bayestissue.base import runtime
-from bayestissue.inference.single.estimates import estimate
+from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.recordings.dataset import Dataset, Trace
 from bayestissue.recordings.signal import displacements
 from bayestissue.recordings.signal.quality.law import suspected

@@ -12,7 +12,13 @@ from jaxtyping import Float
 from bayestissue.recordings.dataset import Dataset, Trace
 from bayestissue.recordings.dataset.settings import Quantity, Settings, SignalSettings
 from bayestissue.studies.simulation.campaign import leaves, simulate
-from bayestissue.studies.simulation.specification import Condition, Recording, Simulation, StudyDesign, Tissue
+from bayestissue.studies.simulation.simulation_file import (
+    Condition,
+    Recording,
+    Simulation,
+    StudyDesign,
+    Tissue,
+)
 
 FINE_HZ = 20_000.0
 REST_S = 0.04

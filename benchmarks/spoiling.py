@@ -10,7 +10,7 @@ import pandas as pd
 from sound import FINE_HZ, Chain, Impact, chain, dataset
 
 from bayestissue.base.errors import Coded
-from bayestissue.inference.single.estimates import estimate
+from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.recordings.dataset import Dataset, Trace
 from bayestissue.recordings.dataset.checks import check_recordings
 from bayestissue.recordings.dataset.recordings import Recordings, Samples

@@ -23,7 +23,7 @@ from typing import Any
 STAGES = {
     "inference.chain.run": ("look",),
     "inference.factors.scores": ("log_densities",),
-    "inference.quantities.draws": ("posterior_draws", "prior_draws"),
+    "inference.quantities.quantity_draws": ("posterior_draws", "prior_draws"),
     "inference.results.tree": ("posterior_tree", "replicates"),
     "inference.fit": (
         "expanded",

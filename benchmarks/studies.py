@@ -17,7 +17,7 @@ from evidence.families.outcomes import shares
 import bayestissue as bt
 from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
-from bayestissue.inference.quantities.draws import Draws, quantities
+from bayestissue.inference.quantities.quantity_draws import Draws, quantities
 from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.tree import dimensions
 from bayestissue.inference.single.phantoms import prepare_without_phantoms

@@ -22,7 +22,7 @@ from bayestissue.base.runtime import configure
 from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.model.hierarchy.specification import read_specification
 from bayestissue.model.hierarchy.trace_data import prepare
-from bayestissue.model.hierarchy.traces import Kind, trace_likelihood
+from bayestissue.model.hierarchy.trace_models import Kind, trace_likelihood
 from bayestissue.recordings.dataset import read_dataset
 
 LIKELIHOODS: tuple[Kind, ...] = ("arma", "a2", "impact")

@@ -19,7 +19,7 @@ from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.target import FIELDS, Target
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.model.hierarchy.traces import impacts_model
+from bayestissue.model.hierarchy.trace_models import impacts_model
 from bayestissue.recordings.dataset.arrays import dataset
 
 # Standard deviations with which a trace tells log K, log C, the noise and the log of a mass that moves along.

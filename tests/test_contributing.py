@@ -45,7 +45,7 @@ explain(["too-quiet"], as_json=False)
 
 from types import SimpleNamespace
 from bayestissue.mechanics.elements import Outcomes
-from bayestissue.inference.quantities.impacts import QUANTITIES
+from bayestissue.inference.quantities.impact_quantities import QUANTITIES
 from bayestissue.inference.results.labels import element_attributes
 out = Outcomes(*(None for _ in Outcomes._fields))._replace(mass=2.0, velocity=1.5)
 momentum = QUANTITIES["momentum"](SimpleNamespace(outcomes=out))

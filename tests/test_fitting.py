@@ -17,7 +17,7 @@ import bayestissue as bt
 from bayestissue.base.resources import shared
 from bayestissue.inference.checking.findings import ELEMENT_ALONE, Finding, of_element_alone
 from bayestissue.inference.fit import TraceAnalysis
-from bayestissue.inference.single.estimates import estimate
+from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.model.hierarchy.specification import Sampler, read_specification
 from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.reports.pages.fit.run import TABLES

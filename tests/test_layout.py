@@ -21,7 +21,7 @@ ROOMS = (
     ("checking", "chain"),
     ("single",),
     ("answers",),
-    ("comparing", "published", "fit"),
+    ("model_comparison", "published", "fit"),
 )
 
 

@@ -25,10 +25,10 @@ from bayestissue.model.hierarchy.priors import Pair, _Prior
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.recordings.dataset.impacts import COLUMNS, RESERVED
 from bayestissue.recordings.dataset.settings import Settings
-from bayestissue.studies.bench.campaign import CampaignSpecification
-from bayestissue.studies.planning.population import Known
-from bayestissue.studies.planning.specification import PlanSpecification
-from bayestissue.studies.simulation.specification import Simulation
+from bayestissue.studies.bench.campaign_file import CampaignSpecification
+from bayestissue.studies.planning.plan_file import PlanSpecification
+from bayestissue.studies.planning.planned_population import Known
+from bayestissue.studies.simulation.simulation_file import Simulation
 
 pytestmark = pytest.mark.slow
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from written_drops import CAMPAIGN
 
-from bayestissue.studies.bench.campaign import read_campaign
+from bayestissue.studies.bench.campaign_file import read_campaign
 from bayestissue.studies.bench.drops import Drops
 from bayestissue.studies.bench.order import order_of
 from bayestissue.studies.bench.watching import Watch

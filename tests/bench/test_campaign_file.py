@@ -9,7 +9,7 @@ import pytest
 from written_drops import CAMPAIGN
 
 from bayestissue.base.errors import InputError
-from bayestissue.studies.bench.campaign import read_campaign
+from bayestissue.studies.bench.campaign_file import read_campaign
 from bayestissue.studies.bench.order import Order, order_of
 from command_line import bayestissue
 

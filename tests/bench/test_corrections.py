@@ -19,12 +19,12 @@ from written_drops import TOWER
 
 from bayestissue.base.errors import InputError
 from bayestissue.inference.results.meanings import COLUMNS
-from bayestissue.inference.single.estimates import OUTCOME_COLUMNS
+from bayestissue.inference.single.impact_estimates import OUTCOME_COLUMNS
 from bayestissue.recordings.dataset import Dataset
 from bayestissue.recordings.dataset.left_out import reasons
 from bayestissue.studies.bench import drops as drops_module
 from bayestissue.studies.bench import watching
-from bayestissue.studies.bench.campaign import read_campaign
+from bayestissue.studies.bench.campaign_file import read_campaign
 from bayestissue.studies.bench.drops import LIST, Drops
 from bayestissue.studies.bench.order import order_of
 from bayestissue.studies.bench.watching import TAKEN_BACK, Watch

@@ -33,7 +33,7 @@ from written_drops import TOWER
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.left_out import reasons
 from bayestissue.studies.bench import watching
-from bayestissue.studies.bench.campaign import read_campaign
+from bayestissue.studies.bench.campaign_file import read_campaign
 from bayestissue.studies.bench.drops import LIST, Drops
 from bayestissue.studies.bench.order import order_of
 from bayestissue.studies.bench.watching import Watch

@@ -9,7 +9,7 @@ from bayestissue.base.errors import Coded
 from bayestissue.base.remedies import entries
 from bayestissue.studies.bench.drops import Drop
 from bayestissue.studies.bench.following import Stamp
-from bayestissue.studies.bench.study import GrowingStudy
+from bayestissue.studies.bench.growing_study import GrowingStudy
 from bayestissue.studies.bench.verdict import _SPOILT, verdict
 
 

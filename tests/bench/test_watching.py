@@ -15,7 +15,7 @@ from written_drops import by_init, drop, plan_of_drops, write
 import bayestissue as bt
 from bayestissue.base.errors import InputError
 from bayestissue.studies.bench import drops as module
-from bayestissue.studies.bench.campaign import read_campaign
+from bayestissue.studies.bench.campaign_file import read_campaign
 from bayestissue.studies.bench.drops import Drops
 from bayestissue.studies.bench.views import WatchView
 from bayestissue.studies.bench.watching import TAKEN_BACK, Watch

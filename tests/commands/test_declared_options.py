@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from bayestissue import cli
 from bayestissue.commands.delivery import documented
-from bayestissue.studies.planning.specification import Aim
-from bayestissue.studies.simulation.specification import Simulation
+from bayestissue.studies.planning.plan_file import Aim
+from bayestissue.studies.simulation.simulation_file import Simulation
 
 
 def command(

@@ -12,9 +12,9 @@ from scipy.optimize import brentq
 from bayestissue.mechanics.elements import element, impact, outcomes
 from bayestissue.mechanics.elements.element import Collision
 from bayestissue.mechanics.elements.head_injury import LONGEST
-from bayestissue.mechanics.elements.impact import LONG, NODES, Path
 from bayestissue.mechanics.elements.outcomes import OUTCOMES, _of_path, outcomes_of
-from bayestissue.mechanics.oscillator.impact import impact_motion, peak_displacement, time_to_peak
+from bayestissue.mechanics.elements.whole_impact import LONG, NODES, Path
+from bayestissue.mechanics.oscillator.contact_path import impact_motion, peak_displacement, time_to_peak
 
 M, V = jnp.array([0.4, 0.8, 1.3, 0.5]), jnp.array([1.0, 1.5, 2.0, 0.7])
 K, C = jnp.array([2500.0, 4000.0, 1500.0, 800.0]), jnp.array([5.0, 30.0, 100.0, 60.0])

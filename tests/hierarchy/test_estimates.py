@@ -18,9 +18,14 @@ from scipy.stats import multivariate_normal, norm
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.model.hierarchy.traces import hyperparameters_at
+from bayestissue.model.hierarchy.trace_models import hyperparameters_at
 from bayestissue.recordings.dataset.published import read_published
-from bayestissue.thesis.reanalysis.model import (
+from bayestissue.thesis.reanalysis.observations import (
+    AveragesOfLognormals,
+    published_design,
+    published_observations,
+)
+from bayestissue.thesis.reanalysis.table_model import (
     EstimatesModel,
     common_effects,
     densities,
@@ -29,11 +34,6 @@ from bayestissue.thesis.reanalysis.model import (
     leave_one_out,
     plain_model,
     without,
-)
-from bayestissue.thesis.reanalysis.observations import (
-    AveragesOfLognormals,
-    published_design,
-    published_observations,
 )
 
 pytestmark = pytest.mark.slow

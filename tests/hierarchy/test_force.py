@@ -13,11 +13,11 @@ import pytest
 import xarray as xr
 
 from bayestissue.inference.checking.findings import headline
-from bayestissue.inference.checking.masses import judge_force
+from bayestissue.inference.checking.mass_checks import judge_force
 from bayestissue.inference.factors.expansions import first_guess
-from bayestissue.model.hierarchy.force import PreparedForce
+from bayestissue.model.hierarchy.force_data import PreparedForce
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.model.hierarchy.traces import impact_likelihood
+from bayestissue.model.hierarchy.trace_models import impact_likelihood
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.simulation import Simulation, simulate

@@ -13,7 +13,7 @@ from bayestissue.inference.results.labels import design_attributes
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.population import expected, population_design
 from bayestissue.model.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.model.hierarchy.traces import TraceModel
+from bayestissue.model.hierarchy.trace_models import TraceModel
 from designs import REFERENCE, design_of, impacts, indicator
 
 FORMULA = "log(mass_kg) + room + (1|subject) + (0 + room|subject) + (1|session)"

@@ -17,7 +17,7 @@ from bayestissue.model.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import MassError
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import sites_by_cell
+from bayestissue.model.hierarchy.trace_models import sites_by_cell
 from studies_by_mass import prepared_study
 
 PEOPLE, REPEATS, MASSES = 10, 2, (0.4, 0.7, 1.2)

@@ -12,7 +12,7 @@ from bayestissue.base.errors import InputError, Problem
 from bayestissue.mechanics.oscillator import impact_motion
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare, with_discrepancy
-from bayestissue.model.hierarchy.traces import Kind
+from bayestissue.model.hierarchy.trace_models import Kind
 from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
 from bayestissue.recordings.dataset import Dataset, Trace, Uncertainty
 from bayestissue.recordings.signal import SignalOptions

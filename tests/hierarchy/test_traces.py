@@ -13,7 +13,7 @@ from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import population_design
 from bayestissue.model.hierarchy.priors import Priors
 from bayestissue.model.hierarchy.specification import Formulas
-from bayestissue.model.hierarchy.traces import (
+from bayestissue.model.hierarchy.trace_models import (
     NUISANCE,
     Kind,
     TraceData,
@@ -21,7 +21,7 @@ from bayestissue.model.hierarchy.traces import (
     log_likelihood,
     physical,
 )
-from bayestissue.model.likelihood.arma.displacement import displacement_record
+from bayestissue.model.likelihood.arma.displacements import displacement_record
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 
 pytestmark = pytest.mark.slow

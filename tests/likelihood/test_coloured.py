@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal
 
 from bayestissue.mechanics.elements import element
 from bayestissue.model.likelihood.element import noise
-from bayestissue.model.likelihood.element.contact import noise_of
+from bayestissue.model.likelihood.element.contact_cells import noise_of
 from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.element.noise import LEAST_EIGENVALUE, colour_of, discrepancy_modes
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord

@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from bayestissue.mechanics.elements import element
-from bayestissue.model.hierarchy.recorder import low_pass_of
+from bayestissue.model.hierarchy.recorder_noise import low_pass_of
 from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, ForceRows
 from bayestissue.recordings.dataset.settings import LowPassFilter

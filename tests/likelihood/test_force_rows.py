@@ -13,7 +13,7 @@ from scipy.linalg import toeplitz
 from scipy.stats import multivariate_normal
 
 from bayestissue.mechanics.elements import element
-from bayestissue.model.hierarchy.recorder import filtered_noise, low_pass_of
+from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_of
 from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, ForceRows
 from bayestissue.recordings.dataset.settings import LowPassFilter

@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import lfilter
 
-from bayestissue.inference.points.fit import PointFit, fit_points
+from bayestissue.inference.points.point_fit import PointFit, fit_points
 from bayestissue.model.likelihood import arma21_log_likelihood
 from bayestissue.model.likelihood.arma.arma21 import Start
 

@@ -13,7 +13,7 @@ import pytest
 
 from bayestissue.studies.planning import ledger as module
 from bayestissue.studies.planning.assurance import Assessment, Goal, Progress
-from bayestissue.studies.planning.population import BLOCK
+from bayestissue.studies.planning.planned_population import BLOCK
 
 
 def share(rows: pd.DataFrame, most: float = 1.0) -> float:

@@ -9,9 +9,9 @@ from stand_in import kernel
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
-from bayestissue.studies.planning.analysis import study_of
+from bayestissue.studies.planning.plan_file import plan_of
+from bayestissue.studies.planning.planned_study import study_of
 from bayestissue.studies.planning.running import RunningPrior
-from bayestissue.studies.planning.specification import plan_of
 from bayestissue.studies.simulation import Simulation, simulate, write_campaign
 from command_line import bayestissue
 

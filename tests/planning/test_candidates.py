@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bayestissue.studies.planning.candidates import Candidate, grid, largest_of_each
-from bayestissue.studies.planning.specification import Candidates, Cost, PlannedFactor
+from bayestissue.studies.planning.plan_file import Candidates, Cost, PlannedFactor
 
 SIDE = PlannedFactor(name="side", levels=("left", "right"))
 TWO = ((0.5, 1.5), (1.0, 1.5))

@@ -21,10 +21,10 @@ from bayestissue.model.hierarchy.design import Design, build_design
 from bayestissue.model.hierarchy.specification import specification_of
 from bayestissue.studies.planning.assurance import Assessment, Goal, Planner
 from bayestissue.studies.planning.information import Information
-from bayestissue.studies.planning.model import PlannedModel, planned_model
-from bayestissue.studies.planning.population import BLOCK, Streams, Truths
-from bayestissue.studies.planning.posterior import PlannedSites, posteriors
+from bayestissue.studies.planning.planned_population import BLOCK, Streams, Truths
 from bayestissue.studies.planning.studies import Arrangement, draw_studies
+from bayestissue.studies.planning.study_model import PlannedModel, planned_model
+from bayestissue.studies.planning.study_posterior import PlannedSites, posteriors
 
 pytestmark = pytest.mark.slow
 

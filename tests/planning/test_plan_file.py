@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 from bayestissue.base.errors import InputError, Problem
-from bayestissue.studies.planning import analysis
-from bayestissue.studies.planning.analysis import factors_named, study_of
-from bayestissue.studies.planning.specification import plan_of, read_plan
+from bayestissue.studies.planning import planned_study
+from bayestissue.studies.planning.plan_file import plan_of, read_plan
+from bayestissue.studies.planning.planned_study import factors_named, study_of
 
 SIDES = {"name": "side", "levels": ["left", "right"]}
 PLAN: dict[str, Any] = {
@@ -184,7 +184,7 @@ def test_a_pilot_of_another_element_is_refused(monkeypatch: pytest.MonkeyPatch) 
         class specification:  # noqa: N801 - as `Fit` has it
             element = "maxwell"
 
-    monkeypatch.setattr(analysis, "read_run", lambda path: Pilot)
+    monkeypatch.setattr(planned_study, "read_run", lambda path: Pilot)
     problem = refused(pilot="runs/pilot")["pilot"]
     assert (problem.value, "kelvin_voigt" in problem.expected) == ("maxwell", True)
 
@@ -196,7 +196,7 @@ def test_a_pilot_with_a_discrepancy_is_refused(monkeypatch: pytest.MonkeyPatch) 
 
         posterior = xr.DataTree.from_dict({"posterior": xr.Dataset({"K_secant": ("impact", [2900.0])})})
 
-    monkeypatch.setattr(analysis, "read_run", lambda path: Pilot)
+    monkeypatch.setattr(planned_study, "read_run", lambda path: Pilot)
     problem = refused(pilot="runs/pilot")["pilot"]
     assert (problem.value, "without a discrepancy" in problem.expected) == ("runs/pilot", True)
 

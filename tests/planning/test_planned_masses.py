@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.model.hierarchy.population import MASS_ERROR
 from bayestissue.model.hierarchy.specification import Formulas, MassError, ModelSpecification
-from bayestissue.studies.planning.population import BLOCK, Beliefs, PlannedPopulation, Streams, Truths
+from bayestissue.studies.planning.planned_population import BLOCK, Beliefs, PlannedPopulation, Streams, Truths
 from bayestissue.studies.planning.studies import Arrangement, Studies, arrangements, draw_studies
 
 MASS_SD, EXACT = 0.05, 1e12

@@ -12,11 +12,11 @@ from scipy.stats import t
 import bayestissue as bt
 from bayestissue.base.errors import InputError, Problem
 from bayestissue.mechanics.elements import outcomes
-from bayestissue.studies.planning.analysis import factors_named, study_of
 from bayestissue.studies.planning.assurance import planner
-from bayestissue.studies.planning.law import PlannedLaw
 from bayestissue.studies.planning.plan import _of_goal
-from bayestissue.studies.planning.specification import plan_of
+from bayestissue.studies.planning.plan_file import plan_of
+from bayestissue.studies.planning.planned_study import factors_named, study_of
+from bayestissue.studies.planning.tabulated_law import PlannedLaw
 from bayestissue.studies.simulation import Simulation, simulate
 
 MASS, HEIGHT = 5.0, 0.3

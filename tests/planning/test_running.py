@@ -12,10 +12,10 @@ import bayestissue as bt
 from bayestissue.base import runtime
 from bayestissue.studies.planning.assurance import Goal, Planner, planner
 from bayestissue.studies.planning.information import simulation_of
-from bayestissue.studies.planning.population import Beliefs, Pilot, PlannedPopulation
+from bayestissue.studies.planning.planned_population import Beliefs, Pilot, PlannedPopulation
 from bayestissue.studies.planning.running import RunningPrior, running_study
 from bayestissue.studies.simulation import Simulation, simulate
-from bayestissue.studies.simulation.specification import Recording
+from bayestissue.studies.simulation.simulation_file import Recording
 from counted import COMPILED, counted
 
 pytestmark = pytest.mark.slow

@@ -11,7 +11,7 @@ import bayestissue as bt
 from bayestissue.base.errors import InputError
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.base.runtime import FORMAT
-from bayestissue.inference.comparing import same_questions
+from bayestissue.inference.model_comparison import same_questions
 from bayestissue.reports.pages import write_report
 from bayestissue.reports.pages.comparison import answers_figure, answers_table
 from make_fit_run import make_fit_run

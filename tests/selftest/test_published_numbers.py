@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from scipy.stats import norm
 
 from bayestissue.studies.selftest.decaying import LANCZOS3, TIME, element_of_rates
-from bayestissue.studies.selftest.published import PUBLISHED
+from bayestissue.studies.selftest.published_numbers import PUBLISHED
 
 ELSEWHERE = {"Dyestuff", "Pastes", "Penicillin", "sleepstudy"}
 

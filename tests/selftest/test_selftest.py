@@ -13,8 +13,8 @@ import pytest
 
 from bayestissue.base.results.tables import read_table
 from bayestissue.recordings.dataset.recorders import SUFFIXES
-from bayestissue.studies.selftest import fits, formats, plan
-from bayestissue.studies.selftest.checks import Compared, Part, differing, run, verdict
+from bayestissue.studies.selftest import fits, formats, selection
+from bayestissue.studies.selftest.check_results import Compared, Part, differing, run, verdict
 from command_line import bayestissue
 
 GOOD, BAD = Compared("one", "1", "1", True), Compared("two", "2", "3", False)
@@ -70,7 +70,7 @@ def test_tables_differ_by_their_last_digit() -> None:
 
 
 def test_checks_that_take_long_are_thorough_ones(tmp_path: Path) -> None:
-    names = {check.name: check.thorough for check in plan.checks(tmp_path)}
+    names = {check.name: check.thorough for check in selection.checks(tmp_path)}
     assert names["published: sleepstudy"]
     assert names["recovery by maxwell"]
     assert not names["recovery by impact"]
@@ -82,7 +82,7 @@ def test_checks_that_take_long_are_thorough_ones(tmp_path: Path) -> None:
 def test_the_command_writes_what_it_found_and_ends_by_its_verdict(
     finding: Compared, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(plan, "checks", lambda _: [Part("part", lambda _: [GOOD, finding])])
+    monkeypatch.setattr(selection, "checks", lambda _: [Part("part", lambda _: [GOOD, finding])])
     monkeypatch.chdir(tmp_path)
     ended = bayestissue("selftest", "--quiet")
     assert ended.status == status, ended.err

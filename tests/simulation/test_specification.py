@@ -5,7 +5,7 @@ import pytest
 
 from bayestissue.base.errors import InputError
 from bayestissue.studies.simulation import read_simulation
-from bayestissue.studies.simulation.specification import Condition, published_conditions
+from bayestissue.studies.simulation.simulation_file import Condition, published_conditions
 
 TISSUE = "[tissue]\nK_N_per_m = 3000\nC_N_s_per_m = 25\n"
 

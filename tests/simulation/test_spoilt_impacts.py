@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from scipy.stats import binom
 
-from bayestissue.inference.single.estimates import estimate
+from bayestissue.inference.single.impact_estimates import estimate
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 

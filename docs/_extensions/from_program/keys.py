@@ -17,10 +17,10 @@ from bayestissue.model.hierarchy import priors
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.recordings.dataset.impacts import COLUMNS, required_columns
 from bayestissue.recordings.dataset.settings import Settings
-from bayestissue.studies.bench.campaign import CampaignSpecification
-from bayestissue.studies.planning.population import Known
-from bayestissue.studies.planning.specification import PlanSpecification
-from bayestissue.studies.simulation.specification import Simulation
+from bayestissue.studies.bench.campaign_file import CampaignSpecification
+from bayestissue.studies.planning.plan_file import PlanSpecification
+from bayestissue.studies.planning.planned_population import Known
+from bayestissue.studies.simulation.simulation_file import Simulation
 from from_program.markdown import code, escaped, table
 
 # Tables that are written on one line, and described once.

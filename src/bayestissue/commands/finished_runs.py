@@ -207,7 +207,7 @@ def certify(
 def _of_comparison(compared: Comparison) -> Iterator[Shown]:
     """The two tables, see `bayestissue.studies.comparing`, and answers to what was asked."""
     from bayestissue.commands.console import SCREEN, Grid
-    from bayestissue.inference.comparing import OF_OUTCOMES
+    from bayestissue.inference.model_comparison import OF_OUTCOMES
     from bayestissue.reports.pages.tables import Field, number_field, table_of
 
     comparison, posteriors = compared.comparison, compared.posteriors

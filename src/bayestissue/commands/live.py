@@ -44,7 +44,7 @@ def watch(
     """
     configure()
     from bayestissue.commands.console import echo
-    from bayestissue.studies.bench.campaign import read_campaign
+    from bayestissue.studies.bench.campaign_file import read_campaign
     from bayestissue.studies.bench.drops import Drops
     from bayestissue.studies.bench.order import order_of
     from bayestissue.studies.bench.watching import Watch

@@ -13,12 +13,12 @@ from bayestissue.base.outline import counted
 from bayestissue.base.remedies import codes_in
 from bayestissue.base.words import Words
 from bayestissue.commands.delivery import Call, FormulaOfC, Model, OtherSeed, delivers
-from bayestissue.studies.planning.settings import PLAN as SETTINGS
+from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
 
 if TYPE_CHECKING:
     from bayestissue.commands.console import Shown
     from bayestissue.studies.planning.plan import Plan
-    from bayestissue.studies.planning.specification import PlanSpecification
+    from bayestissue.studies.planning.plan_file import PlanSpecification
 
 
 def _of_plan(plan: Plan) -> Iterator[Shown]:
@@ -26,7 +26,7 @@ def _of_plan(plan: Plan) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
     from bayestissue.reports.pages.tables import Row, Table, columns
     from bayestissue.reports.pages.wording import nouns_of_plan, with_error
-    from bayestissue.studies.planning.words import duration
+    from bayestissue.studies.planning.plan_words import duration
 
     designs = plan.content["designs"]
     goals = [name.replace("_", " ") for name in designs[0]["goals"]]
@@ -99,8 +99,8 @@ def plan(
         studies: Studies that are drawn of each design, a multiple of 100; 500 unless the plan says.
         seed: Instead of the plan's.
     """
-    from bayestissue.studies.planning.analysis import study_of
     from bayestissue.studies.planning.plan import carry_out, known_studies, with_changes
+    from bayestissue.studies.planning.planned_study import study_of
 
     options = {"--people": people, "--masses": masses, "--velocities": velocities, "--repeats": repeats}
     options |= {"--within": within, "--groups": groups, "--ask": ask}
@@ -120,7 +120,7 @@ def plan(
 def _specification(file: Path | None, options: dict[str, Any]) -> tuple[PlanSpecification, str]:
     """The plan of a file, or of options, and what messages call it."""
     from bayestissue.studies.planning.plan import content_of
-    from bayestissue.studies.planning.specification import plan_of, read_plan
+    from bayestissue.studies.planning.plan_file import plan_of, read_plan
 
     named = [option for option, value in options.items() if value]
     if file is not None:

@@ -49,8 +49,8 @@ def selftest(
             results are to lie, and removed.
         thorough: More models recovered, and a calibration of six hundred impacts: ten minutes.
     """
-    from bayestissue.studies.selftest.checks import as_markdown, machine, verdict
-    from bayestissue.studies.selftest.plan import self_test
+    from bayestissue.studies.selftest.check_results import as_markdown, machine, verdict
+    from bayestissue.studies.selftest.selection import self_test
 
     start, work = runtime.CommandStart(), call.parts("selftest")
     # Nothing of a test that was ended counts.

@@ -28,7 +28,7 @@ from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
-from bayestissue.inference.checking.masses import judge_added_mass
+from bayestissue.inference.checking.mass_checks import judge_added_mass
 from bayestissue.inference.checking.model_form import described, model_form, stated, with_impacts
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.checking.straight_lines import straight_lines
@@ -36,8 +36,8 @@ from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p, noise_p_of_both
 from bayestissue.inference.factors.scores import log_densities
-from bayestissue.inference.quantities.draws import Draws, posterior_draws
-from bayestissue.inference.quantities.impacts import COMMON_DEPTH
+from bayestissue.inference.quantities.impact_quantities import COMMON_DEPTH
+from bayestissue.inference.quantities.quantity_draws import Draws, posterior_draws
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
 from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.summary import summarise as summary_table

@@ -17,7 +17,12 @@ from bayestissue.base.outline import Rows, short
 from bayestissue.base.result import Result
 from bayestissue.base.results.tables import wrong_in
 from bayestissue.inference.answers.questions import ask_what_can_be, numbered, require_parsed
-from bayestissue.inference.comparing import compare_runs, observed_by, posteriors_by_run, same_questions
+from bayestissue.inference.model_comparison import (
+    compare_runs,
+    observed_by,
+    posteriors_by_run,
+    same_questions,
+)
 from bayestissue.reports.pages.comparison import page_of
 from bayestissue.reports.pages.run_folder import require_groups
 from bayestissue.studies.finished import Fit, read_run

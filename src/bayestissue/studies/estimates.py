@@ -19,8 +19,8 @@ from bayestissue.base.results.tables import declared_files, read_tables, table_o
 from bayestissue.base.runtime import CommandStart, in_float64, run_record
 from bayestissue.inference.points.notes import PHANTOM, people_alone, said_once
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, UNITS
-from bayestissue.inference.single import estimates
-from bayestissue.inference.single.estimates import Method, Say
+from bayestissue.inference.single import impact_estimates
+from bayestissue.inference.single.impact_estimates import Method, Say
 from bayestissue.recordings.dataset import as_dataset
 from bayestissue.recordings.signal import SignalOptions, displacements
 from bayestissue.reports.figures.impacts import MASS, axis_title, end
@@ -32,7 +32,13 @@ from bayestissue.reports.pages.tables import Field, Table, number_field, setting
 from bayestissue.reports.pages.wording import SENTENCES, digits, interval, listed, nouns_of, significant
 from bayestissue.reports.pages.wording import number as in_words
 from bayestissue.studies.simulation import simulate
-from bayestissue.studies.simulation.specification import Condition, Recording, Simulation, StudyDesign, Tissue
+from bayestissue.studies.simulation.simulation_file import (
+    Condition,
+    Recording,
+    Simulation,
+    StudyDesign,
+    Tissue,
+)
 
 if TYPE_CHECKING:
     from bayestissue.recordings.dataset import Dataset
@@ -154,7 +160,7 @@ def estimate(
         ValueError: there is no such method.
     """
     start, data = CommandStart(), as_dataset(dataset)
-    table = Estimates(estimates.estimate(data, method=method, options=options, say=say))
+    table = Estimates(impact_estimates.estimate(data, method=method, options=options, say=say))
     table.dataset, table.method, table.options, table.file = data, method, options or SignalOptions(), None
     table.clock = start.time, start.seconds
     return table
@@ -173,7 +179,7 @@ def centring_table() -> pd.DataFrame:
         tissue=Tissue(K_N_per_m=_K, C_N_s_per_m=_C),
         recording=Recording(sampling_rate_hz=10_000.0),
     )
-    centred = estimates.estimate(simulate(simulation).dataset(simulation.name), method="dds")
+    centred = impact_estimates.estimate(simulate(simulation).dataset(simulation.name), method="dds")
     known = {"mass_kg": centred["mass_kg"], "K_N_per_m": _K, "C_N_s_per_m": _C}
     fitted = {"K_centred": centred["K_N_per_m"], "C_centred": centred["C_N_s_per_m"]}
     return pd.DataFrame(known | fitted)

@@ -31,9 +31,9 @@ from bayestissue.inference.checking.findings import (
     verdict_in_words,
     warnings,
 )
-from bayestissue.inference.checking.masses import judge_force, judge_reference
+from bayestissue.inference.checking.mass_checks import judge_force, judge_reference
 from bayestissue.inference.checking.measuring_chain import judge
-from bayestissue.inference.checking.recordings import (
+from bayestissue.inference.checking.recording_checks import (
     clipped_recordings,
     contradicted_velocity,
     flagged_recordings,
@@ -584,7 +584,7 @@ def _points_and_flags(job: FitJob) -> tuple[pd.DataFrame, list[list[Coded]]]:
     Of `_MANY` impacts and more, spoilt recordings are left to `check`: to look for them would take as long as
     the fit.
     """
-    from bayestissue.inference.points.estimates import flags_of, thesis_table
+    from bayestissue.inference.points.point_estimates import flags_of, thesis_table
     from bayestissue.recordings.signal import SignalOptions, displacements
     from bayestissue.recordings.signal.quality import inspect
 

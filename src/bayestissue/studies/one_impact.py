@@ -13,7 +13,7 @@ from bayestissue.base.declarations import general, taking
 from bayestissue.base.errors import InputError
 from bayestissue.base.outline import Outlined, Rows
 from bayestissue.inference.points.notes import said_once
-from bayestissue.inference.single.estimates import by_impact, outcomes_in
+from bayestissue.inference.single.impact_estimates import by_impact, outcomes_in
 from bayestissue.recordings.dataset.arrays import dataset as dataset_of
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.dataset.settings import FILE as SETTINGS

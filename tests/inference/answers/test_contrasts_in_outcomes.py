@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 
 from bayestissue.inference.answers import contrasts as contrasts_module
 from bayestissue.inference.answers import study
+from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.questions import ask, numbered
-from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import Study
 from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
 from bayestissue.model.hierarchy.recorded import Recorded

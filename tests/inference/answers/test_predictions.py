@@ -25,7 +25,7 @@ from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.mechanics.elements import outcomes
-from bayestissue.mechanics.oscillator.impact import peak_displacement, time_to_peak
+from bayestissue.mechanics.oscillator.contact_path import peak_displacement, time_to_peak
 from make_fit_run import make_fit_run
 
 AT = pd.DataFrame(

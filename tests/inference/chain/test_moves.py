@@ -19,8 +19,8 @@ from jax import Array
 from scipy.stats import norm
 
 from bayestissue.inference.chain import moves
+from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.moves import State
-from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.execution.kept import some_of
 from gaussian_traces import GaussianTarget, bad_tuning, from_prior, prepared, target_of
 

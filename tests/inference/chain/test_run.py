@@ -15,10 +15,10 @@ from numpyro.distributions import biject_to
 
 from bayestissue.base import runtime
 from bayestissue.inference.chain import draws as chain
+from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
 from bayestissue.inference.chain.run import read_arrays, write_arrays
-from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.samplers.convergence import convergence
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor

@@ -10,7 +10,7 @@ from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ask_what_can_be, numbered
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.comparing import posteriors_by_run, same_questions
+from bayestissue.inference.model_comparison import posteriors_by_run, same_questions
 from bayestissue.model.hierarchy.recorded import Recorded
 from bayestissue.reports.pages.comparison import outcome_figures
 from designs import REFERENCE, impacts

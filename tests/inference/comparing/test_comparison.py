@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from bayestissue.inference.comparing import (
+from bayestissue.inference.model_comparison import (
     BY_IMPACT,
     BY_TRIAL,
     COLUMNS,

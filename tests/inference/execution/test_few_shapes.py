@@ -14,14 +14,14 @@ from numpy.testing import assert_allclose
 
 from bayestissue.base.padding import padded_impacts
 from bayestissue.inference.chain import draws
+from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.explanations import explanations
-from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.expansions import expanded, first_guess
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at, log_likelihoods
 from bayestissue.inference.fit import draws_of_chain
-from bayestissue.inference.quantities.draws import drawn_impacts
+from bayestissue.inference.quantities.quantity_draws import drawn_impacts
 from bayestissue.model.hierarchy import population
 from bayestissue.model.hierarchy.gaussian import arrangement
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
@@ -29,7 +29,7 @@ from bayestissue.model.hierarchy.specification import ModelSpecification, Sample
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset import Dataset, Trace
 from bayestissue.studies.simulation import simulate
-from bayestissue.studies.simulation.specification import Simulation
+from bayestissue.studies.simulation.simulation_file import Simulation
 from dataset_bench import settings_of
 
 SHORT = ChainSettings(segment=20, most_rounds=1, first_look=2)

@@ -17,9 +17,9 @@ from bayestissue.inference.factors.sites import curvature_floor, laplace_sites, 
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.model.hierarchy.traces import log_likelihood, with_normal_errors
+from bayestissue.model.hierarchy.trace_models import log_likelihood, with_normal_errors
 from bayestissue.studies.simulation import simulate
-from bayestissue.studies.simulation.specification import Simulation
+from bayestissue.studies.simulation.simulation_file import Simulation
 
 TRUTH = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
 

@@ -13,7 +13,7 @@ import xarray as xr
 from bayestissue.base import padding
 from bayestissue.base.padding import bucket
 from bayestissue.inference import fit as traces
-from bayestissue.inference.chain import draws, settings
+from bayestissue.inference.chain import chain_settings, draws
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
 from bayestissue.inference.execution.chunks import in_blocks, map_impacts
@@ -27,11 +27,11 @@ from bayestissue.model.hierarchy.gaussian.arrangement import arrange
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.model.hierarchy.traces import TraceData
-from bayestissue.model.likelihood.arma.displacement import displacement_record
+from bayestissue.model.hierarchy.trace_models import TraceData
+from bayestissue.model.likelihood.arma.displacements import displacement_record
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.studies.simulation import simulate
-from bayestissue.studies.simulation.specification import Simulation
+from bayestissue.studies.simulation.simulation_file import Simulation
 from chain_of_sites import chain_of_sites
 
 COUNT = 21
@@ -223,7 +223,7 @@ def test_of_many_impacts_some_begin_and_some_draws_are_kept(
     dozen: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As of thousands: the population from six of the twelve, and every tenth draw of each."""
-    for module in (draws, settings):
+    for module in (draws, chain_settings):
         monkeypatch.setattr(module, "TOGETHER", 5)
     monkeypatch.setattr(many_kept, "FEW", 11)
     monkeypatch.setattr(draws, "FIRST", 6)

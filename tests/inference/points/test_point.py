@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.inference.points.fit import _fit_batch, fit_points
+from bayestissue.inference.points.point_fit import _fit_batch, fit_points
 from bayestissue.inference.points.whiteness import LAGS, projected_portmanteau
 from bayestissue.mechanics.oscillator import (
     impact_motion,

@@ -9,8 +9,8 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.base.resources import shared
-from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.points.notes import said_once
+from bayestissue.inference.points.point_fit import PointFit, fit_points
 from bayestissue.mechanics.oscillator import impact_motion, spring_damper_inverse, time_to_peak
 from bayestissue.recordings.dataset import Dataset, Trace
 from bayestissue.recordings.dataset.settings import Uncertainty

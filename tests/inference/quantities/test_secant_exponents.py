@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.quantities.secants import (
     _SPREADS,
     Units,

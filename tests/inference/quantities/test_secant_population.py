@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from bayestissue.inference import fit
-from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.quantities.together import comparable_draws
 from bayestissue.model.hierarchy.design import build_design
 from bayestissue.model.hierarchy.specification import Formulas

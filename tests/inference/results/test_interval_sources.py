@@ -17,13 +17,13 @@ from numpy.testing import assert_allclose
 from bayestissue.base import resources
 from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
-from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.results import uncertainty_budget as sources
-from bayestissue.inference.results.errors import TraceErrors, trace_errors
+from bayestissue.inference.results.error_sources import TraceErrors, trace_errors
 from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
 from bayestissue.model.hierarchy.specification import read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.model.hierarchy.traces import (
+from bayestissue.model.hierarchy.trace_models import (
     TraceData,
     TraceModel,
     impact_likelihood,

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import bayestissue
-from bayestissue.inference.comparing import COMPARED
+from bayestissue.inference.model_comparison import COMPARED
 from bayestissue.inference.results.labels import ATTRIBUTES
 from bayestissue.inference.results.meanings import heading_words, meaning
 

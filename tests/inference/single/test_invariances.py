@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 import bayestissue as bt
 from bayestissue.recordings.dataset import Trace
 from bayestissue.studies.simulation import simulate
-from bayestissue.studies.simulation.specification import Simulation
+from bayestissue.studies.simulation.simulation_file import Simulation
 
 pytestmark = pytest.mark.slow
 

@@ -14,8 +14,8 @@ from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.points.notes import C_UNTOLD, K_MOSTLY_UNTOLD, K_UNTOLD, NOISELESS, STRUCTURED
 from bayestissue.inference.samplers.psis import k_threshold
-from bayestissue.inference.single import estimates as single_estimates
-from bayestissue.inference.single.estimates import OUTCOME_COLUMNS
+from bayestissue.inference.single import impact_estimates as single_estimates
+from bayestissue.inference.single.impact_estimates import OUTCOME_COLUMNS
 from bayestissue.inference.single.posterior import POINTS, single_posteriors
 from bayestissue.mechanics.elements import outcomes
 from bayestissue.mechanics.elements.outcomes import OUTCOMES

@@ -13,15 +13,20 @@ from numpyro.infer import MCMC, NUTS
 from bayestissue.model.hierarchy.derived import effects_by_name
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.recordings.dataset.published import read_published
-from bayestissue.thesis.reanalysis import explanations
-from bayestissue.thesis.reanalysis.explanations import log_predictive_density
-from bayestissue.thesis.reanalysis.model import EstimatesModel, common_effects, estimates_data, plain_model
+from bayestissue.thesis.reanalysis import competing_explanations
+from bayestissue.thesis.reanalysis.competing_explanations import log_predictive_density
 from bayestissue.thesis.reanalysis.observations import (
     average_statistics,
     published_design,
     published_observations,
 )
-from bayestissue.thesis.reanalysis.posterior import sample_posterior
+from bayestissue.thesis.reanalysis.table_chain import sample_posterior
+from bayestissue.thesis.reanalysis.table_model import (
+    EstimatesModel,
+    common_effects,
+    estimates_data,
+    plain_model,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -112,7 +117,7 @@ def test_a_trial_is_scored_alike_with_it_and_without_it(campaign, problem, found
     trial = np.r_[design.trial[observations.averaged_cells[:, 0]], design.trial[observations.impact_cell]]
     rows, settings = trial == trial[-1], SPECIFICATION.sampler
     by_weights = log_predictive_density(problem[0], found, rows, settings=settings, seed=0)
-    monkeypatch.setattr(explanations, "k_threshold", lambda _: -np.inf)
+    monkeypatch.setattr(competing_explanations, "k_threshold", lambda _: -np.inf)
     refitted = log_predictive_density(problem[0], found, rows, settings=settings, seed=0)
     # Both have some two hundred independent draws, over which the density varies by about its size.
     assert abs(by_weights - refitted) < 4 * np.sqrt(2 / 200)

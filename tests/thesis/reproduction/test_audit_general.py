@@ -7,17 +7,9 @@ import pandas as pd
 import pytest
 from scipy.linalg import expm
 
-from bayestissue.inference.points.fit import fit_points
+from bayestissue.inference.points.point_fit import fit_points
 from bayestissue.thesis.audit import CHECKS_OF_IMPACTS
-from bayestissue.thesis.audit.estimates import (
-    centred_fit,
-    frequency_curve,
-    kinetic_energy,
-    made_up_pulses,
-    mass_exponent,
-    peak,
-)
-from bayestissue.thesis.audit.findings import (
+from bayestissue.thesis.audit.inconsistencies import (
     COLUMNS,
     SEVERITIES,
     AuditedImpacts,
@@ -26,6 +18,14 @@ from bayestissue.thesis.audit.findings import (
     findings,
 )
 from bayestissue.thesis.audit.people import agreement, damping_without_bounds, people_not_told_apart
+from bayestissue.thesis.audit.plausibility import (
+    centred_fit,
+    frequency_curve,
+    kinetic_energy,
+    made_up_pulses,
+    mass_exponent,
+    peak,
+)
 
 PEOPLE, CONDITIONS = 10, 9
 

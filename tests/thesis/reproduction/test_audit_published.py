@@ -11,7 +11,7 @@ import pytest
 
 from bayestissue.recordings.dataset.published import PublishedTables, read_published
 from bayestissue.thesis.audit import CHECKS_OF_IMPACTS, CHECKS_OF_PUBLICATION, audit_published
-from bayestissue.thesis.audit.findings import BEARINGS, SEVERITIES, TEXTS, Publication, findings
+from bayestissue.thesis.audit.inconsistencies import BEARINGS, SEVERITIES, TEXTS, Publication, findings
 from bayestissue.thesis.audit.printed import (
     claims_that_contradict,
     figures_that_do_not_follow,

@@ -50,8 +50,8 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.base.results.tables import columns_of, joined
+from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import MOTION
-from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.samplers.sampling import interval

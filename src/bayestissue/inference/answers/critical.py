@@ -15,8 +15,8 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.inference.answers.grammar import Critical, Node, QuestionError
+from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, fall_height
-from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import Study
 
 # The columns of the motion that a claim may be followed along, with their units.

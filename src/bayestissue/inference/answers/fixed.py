@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from bayestissue.base.declarations import general
 from bayestissue.inference.answers.grammar import Choice, Critical, Node, Operation, QuestionError, claims
+from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import Law, Values
 from bayestissue.inference.answers.meaning import (
     alternatives,
@@ -25,9 +26,7 @@ from bayestissue.inference.answers.meaning import (
     quantities,
     responses_of,
 )
-from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import Study
-from bayestissue.model.hierarchy.effects import intercept, parameter_of
 from bayestissue.model.hierarchy.formulas.formula import resolve
 from bayestissue.model.hierarchy.formulas.group_terms import (
     MASS_TERM,
@@ -39,6 +38,7 @@ from bayestissue.model.hierarchy.formulas.group_terms import (
 from bayestissue.model.hierarchy.formulas.identifiability import PRECISION
 from bayestissue.model.hierarchy.levels import design_at
 from bayestissue.model.hierarchy.recorded import Recorded
+from bayestissue.model.hierarchy.responses import intercept, parameter_of
 
 
 @dataclass(frozen=True)

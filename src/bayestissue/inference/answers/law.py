@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike
 
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded
-from bayestissue.inference.answers.settings import SETTINGS
+from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.element import GRAVITY
-from bayestissue.mechanics.elements.impact import loops_of
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, outcomes_of
+from bayestissue.mechanics.elements.whole_impact import loops_of
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY
 
 NO_LAW = Coded.stated("not-simulated.law")
@@ -95,7 +95,7 @@ class Law:
     def loops(
         self, parameters: Values, motion: Values
     ) -> dict[str, Float[np.ndarray, "*draw condition place"]]:
-        """Force over depth, by the attributes of `elements.impact.Loop`; else as `outcomes`."""
+        """Force over depth, by the attributes of `elements.whole_impact.Loop`; else as `outcomes`."""
 
         def loop(p: dict[str, Array], M: Array, V: Array) -> dict[str, Array]:
             return loops_of(element(self.element), p, M, V, SETTINGS.places)._asdict()

@@ -19,10 +19,10 @@ import xarray as xr
 
 from bayestissue.base.results.tables import columns_of, table_of_rows, typed
 from bayestissue.inference.answers.contrasts import LEVELS, Contrasts
+from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import fall_height
 from bayestissue.inference.answers.meaning import average_notes
 from bayestissue.inference.answers.questions import ranked
-from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.results.meanings import UNITS

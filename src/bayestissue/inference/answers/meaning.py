@@ -35,8 +35,8 @@ from bayestissue.inference.answers.grammar import (
     QuestionError,
     claims,
 )
+from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, beyond, unfit_height
-from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.results.labels import element_attributes
 from bayestissue.mechanics.elements.head_injury import LONGEST

@@ -31,9 +31,9 @@ from jaxtyping import Bool, Float
 
 from bayestissue.base.errors import Coded, InputError, Problem, has_control_characters, path_argument
 from bayestissue.base.results.files import whole_file, write_tree
+from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, NO_LAW, moving, unfit_height
 from bayestissue.inference.answers.meaning import average_notes, beyond_notes
-from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import DRAWN, Study, simulated_step
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
@@ -42,9 +42,9 @@ from bayestissue.inference.results.meanings import COLUMNS, HEADFORM_COLUMNS, OU
 from bayestissue.inference.samplers.sampling import interval
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.outcomes import NEVER
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.levels import NEW
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.recordings.dataset.cells import Records, alike, in_whatever_case, read_cells
 from bayestissue.recordings.dataset.files import Source
 

@@ -39,6 +39,7 @@ from bayestissue.inference.answers.grammar import (
     claims,
     parse,
 )
+from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, fall_height, moving
 from bayestissue.inference.answers.meaning import (
     alternatives,
@@ -57,7 +58,6 @@ from bayestissue.inference.answers.meaning import (
     searched,
     unit_of,
 )
-from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE, of_element_alone
 from bayestissue.inference.results.meanings import MOSTLY

@@ -54,9 +54,9 @@ from jaxtyping import Float
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.results.meanings import ICC, MDC, REPEATS, SEM, UNITS
 from bayestissue.inference.results.summary import prior_overlap
-from bayestissue.model.hierarchy.effects import parameter_of, sd_impact
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm, grouping_of
 from bayestissue.model.hierarchy.recorded import Recorded
+from bayestissue.model.hierarchy.responses import parameter_of, sd_impact
 
 TARGETS = (0.75, 0.9)
 # Standard deviations of a normal about its mean that hold 95 % of it.

@@ -20,18 +20,18 @@ import xarray as xr
 from jaxtyping import Bool, Float
 
 from bayestissue.base.errors import Coded
+from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import MET, Law, beyond, moving
-from bayestissue.inference.answers.settings import SETTINGS
 from bayestissue.inference.results.meanings import element_alone
 from bayestissue.mechanics.elements import REFERENCE_DIAMETER_M
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.elements.head_injury import HEADFORM
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, REFERENCE_OUTCOMES
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
-from bayestissue.model.hierarchy.effects import parameter_of, sd_impact
 from bayestissue.model.hierarchy.formulas.formula import reference_row
 from bayestissue.model.hierarchy.levels import log_at_levels
 from bayestissue.model.hierarchy.recorded import Condition, Recorded, label_of
+from bayestissue.model.hierarchy.responses import parameter_of, sd_impact
 
 GROUPS = ("posterior", "prior", "constant_data")
 # Share of a trace's peak below which a discrepancy leaves an element's outcomes as they are.

@@ -7,14 +7,14 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bayestissue.inference.chain.settings import TOGETHER
+from bayestissue.inference.chain.chain_settings import TOGETHER
 from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.expansions import first_guess, laplace_of_all, rows_of
 from bayestissue.inference.factors.sites import weak_prior
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import with_normal_errors
+from bayestissue.model.hierarchy.trace_models import with_normal_errors
 
 # Starts are at the first guess and at so many units of log K and log C from it.
 APART = 1.2

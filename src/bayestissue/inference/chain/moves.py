@@ -51,7 +51,7 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Bool, Float, Int
 from numpyro.distributions import biject_to
 
-from bayestissue.inference.chain.settings import ChainSettings
+from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.target import LogRatios, Target
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.likelihood import small

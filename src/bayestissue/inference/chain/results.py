@@ -18,7 +18,7 @@ from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import Hyperparameters, Population
-from bayestissue.model.hierarchy.traces import Hierarchy, hyperparameters_at
+from bayestissue.model.hierarchy.trace_models import Hierarchy, hyperparameters_at
 
 # Draws of one call.
 DRAWS = 64

@@ -19,8 +19,8 @@ from jax import Array
 
 from bayestissue.base import runtime
 from bayestissue.base.results.files import whole_file
+from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.ending import LookVerdict, look
-from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.samplers.convergence import Draws, convergence
 from bayestissue.model.hierarchy.specification import Sampler
 

@@ -2,8 +2,8 @@
 
 The hyperparameters ψ have unconstrained coordinates y; b are the fixed and group effects, u each impact's
 parameters, and p(ψ, b, u, traces) = p(y) p(b | ψ) Π N(u; X b, D⁻¹) p(trace | u). It is the density of
-`bayestissue.model.hierarchy.traces.plain_model`, but that standard deviations below `LEAST` are left out: of
-a log that is no physics, and the algebra would lose its digits there.
+`bayestissue.model.hierarchy.trace_models.plain_model`, but that standard deviations below `LEAST` are left
+out: of a log that is no physics, and the algebra would lose its digits there.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from bayestissue.model.hierarchy.gaussian.effects import (
 )
 from bayestissue.model.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import (
+from bayestissue.model.hierarchy.trace_models import (
     TraceData,
     TraceModel,
     added_mass_of,

@@ -40,7 +40,12 @@ from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import TraceData, TraceModel, trace_likelihood, with_normal_errors
+from bayestissue.model.hierarchy.trace_models import (
+    TraceData,
+    TraceModel,
+    trace_likelihood,
+    with_normal_errors,
+)
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.

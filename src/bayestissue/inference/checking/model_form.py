@@ -24,10 +24,10 @@ from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import ALL_ROWS, OF_K, Finding
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.points.whiteness import autocorrelation
-from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
+from bayestissue.inference.results.replicates import PREDICTIVE_DRAWS, replicates
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import TraceData
+from bayestissue.model.hierarchy.trace_models import TraceData
 
 # An impact's p-value that is counted.
 SMALL_P = 0.01

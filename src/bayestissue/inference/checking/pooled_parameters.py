@@ -15,10 +15,10 @@ from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.mechanics.elements.element import Element
-from bayestissue.model.hierarchy.effects import RESPONSES, parameter_of, sd_impact
 from bayestissue.model.hierarchy.formulas.group_terms import GroupTerm, grouping_of, labels_of
 from bayestissue.model.hierarchy.levels import log_at_levels
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
+from bayestissue.model.hierarchy.responses import RESPONSES, parameter_of, sd_impact
 
 
 class Pooled(NamedTuple):

@@ -15,7 +15,7 @@ from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.model.hierarchy.design import Design, ResponseDesign
-from bayestissue.model.hierarchy.effects import RESPONSES, sd_impact
+from bayestissue.model.hierarchy.responses import RESPONSES, sd_impact
 
 # Of a fit of straight lines one in a thousand is noted.
 _BY_CHANCE = 0.001

@@ -12,7 +12,7 @@ from jaxtyping import Int
 
 from bayestissue.base import runtime
 from bayestissue.inference.execution.workers import cluster, computed
-from bayestissue.model.hierarchy.traces import TraceData
+from bayestissue.model.hierarchy.trace_models import TraceData
 
 BLOCK = 512
 # With fewer blocks a second process takes longer to begin than it saves.

@@ -15,7 +15,7 @@ from bayestissue.inference.execution.compiling import by_row
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.model.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.model.hierarchy.population import Population
-from bayestissue.model.hierarchy.traces import TraceModel
+from bayestissue.model.hierarchy.trace_models import TraceModel
 
 # Draws of one call.
 DRAWS = 64

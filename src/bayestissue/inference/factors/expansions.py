@@ -11,12 +11,12 @@ from jaxtyping import Float
 from bayestissue.inference.execution.chunks import Progress, map_impacts, silent
 from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
-from bayestissue.inference.points.fit import PointFit, fit_points
+from bayestissue.inference.points.point_fit import PointFit, fit_points
 from bayestissue.mechanics.elements import element
-from bayestissue.model.hierarchy.force import tells_added_mass
+from bayestissue.model.hierarchy.force_data import tells_added_mass
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import TraceData, TraceModel, with_normal_errors
+from bayestissue.model.hierarchy.trace_models import TraceData, TraceModel, with_normal_errors
 from bayestissue.recordings.signal import Displacements
 
 # What keeps artanh theta1 finite.

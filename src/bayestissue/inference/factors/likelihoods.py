@@ -12,7 +12,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.inference.execution.compiling import by_row, padded
-from bayestissue.model.hierarchy.traces import TraceData, TraceModel, log_likelihood
+from bayestissue.model.hierarchy.trace_models import TraceData, TraceModel, log_likelihood
 
 # Points of one call.
 POINTS = 64

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 
 from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.inference.points.whiteness import projected_portmanteau
-from bayestissue.model.hierarchy.traces import (
+from bayestissue.model.hierarchy.trace_models import (
     TraceData,
     TraceModel,
     impact_likelihood,

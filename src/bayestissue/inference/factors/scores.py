@@ -24,15 +24,15 @@ from bayestissue.base.padding import bucket
 from bayestissue.inference.execution.compiling import by_row, in_parts
 from bayestissue.inference.factors.conditional import conditional_priors, log_evidence
 from bayestissue.model.hierarchy.design import Design
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.formulas.group_terms import Grouping, stem_of
 from bayestissue.model.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.model.hierarchy.gaussian.covariances import Covariances
 from bayestissue.model.hierarchy.gaussian.effects import SitesByCell
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import MASS_ERROR, Population
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import TraceModel, sites_by_cell
+from bayestissue.model.hierarchy.trace_models import TraceModel, sites_by_cell
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64

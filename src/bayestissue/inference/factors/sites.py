@@ -14,7 +14,7 @@ from jaxtyping import Float
 from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.model.hierarchy.traces import TraceData, TraceModel
+from bayestissue.model.hierarchy.trace_models import TraceData, TraceModel
 
 ITERATIONS = 60
 # By how much an expansion may exceed its value at the centre, along one axis. One of too little curvature, or

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from bayestissue.inference.execution.kept import some_impacts
-from bayestissue.inference.quantities.draws import Draws
-from bayestissue.inference.quantities.impacts import COMMON_DEPTH
+from bayestissue.inference.quantities.impact_quantities import COMMON_DEPTH
+from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.model.hierarchy.trace_data import Prepared

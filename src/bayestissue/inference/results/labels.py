@@ -14,8 +14,8 @@ from bayestissue.mechanics.elements import element, element_names
 from bayestissue.mechanics.elements.outcomes import DECLARED
 from bayestissue.model.hierarchy.derived import effect_dimensions
 from bayestissue.model.hierarchy.design import Design
-from bayestissue.model.hierarchy.effects import intercept
 from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, common_coefficient, stem_of
+from bayestissue.model.hierarchy.responses import intercept
 
 STIFFNESS, DAMPING = UNITS.values()
 _OF = ("cell", "subject", "trial", "new", "typical_person")

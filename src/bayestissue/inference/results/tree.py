@@ -13,8 +13,8 @@ import xarray as xr
 
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
-from bayestissue.inference.quantities.draws import Draws, prior_draws, quantities
-from bayestissue.inference.quantities.impacts import NAMES
+from bayestissue.inference.quantities.impact_quantities import NAMES
+from bayestissue.inference.quantities.quantity_draws import Draws, prior_draws, quantities
 from bayestissue.inference.quantities.secants import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.quantities.together import comparable_draws
 from bayestissue.inference.results.labels import (
@@ -24,7 +24,7 @@ from bayestissue.inference.results.labels import (
     labelled,
     of_one_person,
 )
-from bayestissue.inference.results.predictions import PRIOR_PREDICTIVE_DRAWS, predicted, replicates
+from bayestissue.inference.results.replicates import PRIOR_PREDICTIVE_DRAWS, predicted, replicates
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.elements.head_injury import HEADFORM
 from bayestissue.model.hierarchy.design import Design

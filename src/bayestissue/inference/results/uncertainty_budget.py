@@ -4,7 +4,8 @@ The sources are noise, measuring chain, mass, element, people, conditions and im
 the log scale once the standard deviations are given. A posterior variance V is then homogeneous of degree one
 in the variances v_s that make it, so that V = sum_s v_s dV/dv_s: what each source makes, by the derivative,
 adds up to the whole, and is what a small change of that source alone would change. Of an impact this takes N
-and its parts of `bayestissue.inference.results.errors`; of the population's means, those of all impacts.
+and its parts of `bayestissue.inference.results.error_sources`; of the population's means, those of all
+impacts.
 """
 
 from __future__ import annotations
@@ -23,21 +24,21 @@ from jaxtyping import Float
 from bayestissue.base.results.tables import joined, table_of_rows
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_of
-from bayestissue.inference.quantities.draws import Draws
-from bayestissue.inference.quantities.masses import MASS_FACTOR
-from bayestissue.inference.results.errors import (
+from bayestissue.inference.quantities.mass_errors import MASS_FACTOR
+from bayestissue.inference.quantities.quantity_draws import Draws
+from bayestissue.inference.results.error_sources import (
     ELEMENT,
     NOISE,
     trace_errors,
 )
 from bayestissue.model.hierarchy.derived import typical_covariates, typical_logs
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.model.hierarchy.gaussian.covariances import Covariances
 from bayestissue.model.hierarchy.population import MASS_ERROR, Hyperparameters
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import TraceModel
+from bayestissue.model.hierarchy.trace_models import TraceModel
 
 type Variance = float | Float[np.ndarray, " impact"]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.base.errors import InputError, Problem, along_with, refuse
-from bayestissue.inference.single.estimates import estimate
+from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.model.hierarchy.reference import HALF_WIDTH, Reference, mass_factor, with_declared
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset.impacts import REFERENCE, of_phantoms, session_column

@@ -31,13 +31,13 @@ from bayestissue.inference.factors.likelihoods import POINTS as AT_ONCE
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.factors.sites import laplace_sites
-from bayestissue.inference.quantities.draws import recorded_outcomes
-from bayestissue.inference.quantities.masses import DRAWS
+from bayestissue.inference.quantities.mass_errors import DRAWS
+from bayestissue.inference.quantities.quantity_draws import recorded_outcomes
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.inference.samplers.sampling import quantiles
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import (
+from bayestissue.model.hierarchy.trace_models import (
     CONTACT,
     TraceData,
     TraceModel,

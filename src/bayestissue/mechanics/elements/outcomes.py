@@ -25,8 +25,8 @@ from bayestissue.mechanics.elements.element import (
     inertia,
 )
 from bayestissue.mechanics.elements.head_injury import LONGEST, SEARCH, head_injury, pulse_of
-from bayestissue.mechanics.elements.impact import LONG, Path, prepared
 from bayestissue.mechanics.elements.registry import element as named
+from bayestissue.mechanics.elements.whole_impact import LONG, Path, prepared
 
 
 class Outcome(NamedTuple):
@@ -67,7 +67,7 @@ def outcomes(
     gravity: ArrayLike | None = None,
     headform: bool = False,
 ) -> Outcomes:
-    """What impacts come to; arguments as of `elements.impact`, and whether a headform hits.
+    """What impacts come to; arguments as of `elements.whole_impact`, and whether a headform hits.
 
     Raises:
         KeyError: there is no such element, or the parameters are not its own.

@@ -1,14 +1,6 @@
 """The physics: (K, C, M), (omega_n, zeta) and (phi1, phi2, theta1), and the ways between them."""
 
-from bayestissue.mechanics.oscillator.discrete import (
-    Differences,
-    arccos_branch,
-    from_differences,
-    to_continuous,
-    to_differences,
-    to_discrete,
-)
-from bayestissue.mechanics.oscillator.impact import (
+from bayestissue.mechanics.oscillator.contact_path import (
     ContactPath,
     contact_duration,
     impact_motion,
@@ -19,6 +11,14 @@ from bayestissue.mechanics.oscillator.impact import (
     spring_damper,
     spring_damper_inverse,
     time_to_peak,
+)
+from bayestissue.mechanics.oscillator.discrete import (
+    Differences,
+    arccos_branch,
+    from_differences,
+    to_continuous,
+    to_differences,
+    to_discrete,
 )
 
 __all__ = [

@@ -10,11 +10,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.model.hierarchy.design import Design
-from bayestissue.model.hierarchy.effects import RESPONSES, intercept, sd_impact
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, TRIAL, common_coefficient, stem_of
 from bayestissue.model.hierarchy.levels import design_at, log_at_levels
 from bayestissue.model.hierarchy.population import MASS_ERROR, EffectParts
 from bayestissue.model.hierarchy.recorded import Condition
+from bayestissue.model.hierarchy.responses import RESPONSES, intercept, sd_impact
 
 # Hyperparameters and effects, or quantities, by name, each [chain, draw, ...].
 type Draws = Mapping[str, np.ndarray]

@@ -11,7 +11,6 @@ import pandas as pd
 
 from bayestissue.base.errors import InputError, Problem
 from bayestissue.model.hierarchy.columns import few_valued
-from bayestissue.model.hierarchy.effects import parameter_of
 from bayestissue.model.hierarchy.formulas.formula import ResolvedFormula, adapted, resolve
 from bayestissue.model.hierarchy.formulas.group_terms import (
     MASS_TERM,
@@ -23,6 +22,7 @@ from bayestissue.model.hierarchy.formulas.group_terms import (
 )
 from bayestissue.model.hierarchy.formulas.identifiability import Fault
 from bayestissue.model.hierarchy.recorded import Recorded
+from bayestissue.model.hierarchy.responses import parameter_of
 from bayestissue.model.hierarchy.specification import Formulas
 
 

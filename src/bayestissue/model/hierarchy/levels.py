@@ -27,10 +27,10 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.model.hierarchy.effects import intercept, parameter_of
 from bayestissue.model.hierarchy.formulas.formula import categories_of_numbers, reference_row
 from bayestissue.model.hierarchy.formulas.group_terms import GroupTerm, common_coefficient, grouping_of
 from bayestissue.model.hierarchy.recorded import Condition, Recorded, ResponseFormula, label_of
+from bayestissue.model.hierarchy.responses import intercept, parameter_of
 
 # What questions and tables call a level that was not measured.
 NEW = "new"

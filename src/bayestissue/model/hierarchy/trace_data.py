@@ -20,8 +20,7 @@ from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.combinations import refused, unsuited
 from bayestissue.model.hierarchy.derived import effects_by_name
 from bayestissue.model.hierarchy.design import Design, build_design
-from bayestissue.model.hierarchy.effects import RESPONSES, parameter_of
-from bayestissue.model.hierarchy.force import (
+from bayestissue.model.hierarchy.force_data import (
     PreparedForce,
     prepared_force,
     tells_added_mass,
@@ -30,11 +29,19 @@ from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.identifiability import missing
 from bayestissue.model.hierarchy.population import SharedMasses, population_design, whose_errors
 from bayestissue.model.hierarchy.priors import normal
-from bayestissue.model.hierarchy.recorder import filtered_noise, low_pass_of
+from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_of
 from bayestissue.model.hierarchy.reference import Reference
+from bayestissue.model.hierarchy.responses import RESPONSES, parameter_of
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.model.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of, plain_model
-from bayestissue.model.likelihood.arma.displacement import displacement_record
+from bayestissue.model.hierarchy.trace_models import (
+    Kind,
+    Record,
+    TraceData,
+    TraceModel,
+    nuisance_of,
+    plain_model,
+)
+from bayestissue.model.likelihood.arma.displacements import displacement_record
 from bayestissue.model.likelihood.element.noise import discrepancy_modes
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
 from bayestissue.model.likelihood.element.recorder import Colour, LowPass

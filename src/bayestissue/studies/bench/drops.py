@@ -39,7 +39,7 @@ from bayestissue.recordings.dataset.write import settings_text
 from bayestissue.recordings.intake.build import FIRST, RECORDINGS, cut
 from bayestissue.recordings.intake.facts import Cells
 from bayestissue.recordings.intake.names import NUMBERS
-from bayestissue.studies.bench.campaign import WatchedCampaign
+from bayestissue.studies.bench.campaign_file import WatchedCampaign
 from bayestissue.studies.bench.following import Stamp
 from bayestissue.studies.bench.verdict import Kind, is_spoilt
 

@@ -12,10 +12,10 @@ from bayestissue.base.errors import InputError, Problem, refuse
 from bayestissue.recordings.dataset.cells import in_case_of, standard_names
 from bayestissue.recordings.intake.facts import FILE, Cells
 from bayestissue.recordings.intake.names import columns
-from bayestissue.studies.bench.campaign import WatchedCampaign
+from bayestissue.studies.bench.campaign_file import WatchedCampaign
 from bayestissue.studies.planning.candidates import grid
 from bayestissue.studies.planning.plan import PLAN
-from bayestissue.studies.planning.specification import plan_of
+from bayestissue.studies.planning.plan_file import plan_of
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ import numpy as np
 from bayestissue.base.errors import InputError, printable
 from bayestissue.base.words import PLAIN, Words
 from bayestissue.inference.points.notes import PHANTOM
-from bayestissue.inference.single.estimates import estimate
+from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.recordings.dataset.impacts import required_columns
 from bayestissue.studies.bench.decisions import Decisions, one_line
-from bayestissue.studies.bench.study import level
+from bayestissue.studies.bench.growing_study import level
 from bayestissue.studies.bench.verdict import verdict
 from bayestissue.studies.bench.watching import Watch, numbers_of
 from bayestissue.studies.one_impact import Impact, impact_of

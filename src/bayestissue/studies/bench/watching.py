@@ -24,7 +24,7 @@ from bayestissue.base.results.manifest import discard, mark_unfinished, require_
 from bayestissue.base.words import Words
 from bayestissue.inference.answers.predictions import QUANTITIES
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
-from bayestissue.inference.single.estimates import outcomes_in
+from bayestissue.inference.single.impact_estimates import outcomes_in
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.recordings.dataset.files import Source
 from bayestissue.recordings.dataset.impacts import required_columns
@@ -36,11 +36,11 @@ from bayestissue.recordings.intake.names import columns
 from bayestissue.recordings.signal.quality.inspection import inspect
 from bayestissue.reports.figures.impacts import end
 from bayestissue.reports.pages.wording import PREDICTED, estimated
-from bayestissue.studies.bench.campaign import WatchedCampaign
+from bayestissue.studies.bench.campaign_file import WatchedCampaign
 from bayestissue.studies.bench.drops import UNREADABLE, Drop, Drops, dataset_of, several
 from bayestissue.studies.bench.following import Follower, Stamp, listing
+from bayestissue.studies.bench.growing_study import GrowingStudy
 from bayestissue.studies.bench.order import Order
-from bayestissue.studies.bench.study import GrowingStudy
 from bayestissue.studies.bench.verdict import DropVerdict, verdict
 from bayestissue.studies.one_impact import Impact, impact_of
 from bayestissue.studies.one_impact import impact as one_impact

@@ -21,10 +21,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.inference.chain.chain_settings import TOGETHER
 from bayestissue.inference.chain.results import ChainDraws
-from bayestissue.inference.chain.settings import TOGETHER
 from bayestissue.inference.execution.kept import evenly_spaced, some_of
-from bayestissue.inference.results.predictions import replicates
+from bayestissue.inference.results.replicates import replicates
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.population import Population
 from bayestissue.model.hierarchy.trace_data import Prepared

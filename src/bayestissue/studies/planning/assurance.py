@@ -26,16 +26,16 @@ from bayestissue.inference.answers.meaning import draws_of, quantities
 from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.inference.answers.study import Study
 from bayestissue.mechanics.elements.outcomes import OUTCOMES
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.recorded import Recorded
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.studies.planning.information import Information, TypicalTissue, information
-from bayestissue.studies.planning.law import planned_law
-from bayestissue.studies.planning.population import DesignPrior, Streams, Truths
-from bayestissue.studies.planning.posterior import PlannedSites, Posteriors, posteriors
+from bayestissue.studies.planning.planned_population import DesignPrior, Streams, Truths
 from bayestissue.studies.planning.running import Running
 from bayestissue.studies.planning.studies import Arrangement, Studies, arrangements, draw_studies
-from bayestissue.studies.simulation.specification import Simulation
+from bayestissue.studies.planning.study_posterior import PlannedSites, Posteriors, posteriors
+from bayestissue.studies.planning.tabulated_law import planned_law
+from bayestissue.studies.simulation.simulation_file import Simulation
 
 Progress = Callable[[str, int, int], None]
 PER_STUDY = {"p": float, "true": bool, "width": float, "effective": float}

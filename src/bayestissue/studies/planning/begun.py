@@ -13,9 +13,9 @@ from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.studies.finished import Fit, read_run
 from bayestissue.studies.planning.candidates import Candidate
-from bayestissue.studies.planning.population import Beliefs, Pilot
+from bayestissue.studies.planning.plan_file import After
+from bayestissue.studies.planning.planned_population import Beliefs, Pilot
 from bayestissue.studies.planning.running import Running, RunningPrior, running_study
-from bayestissue.studies.planning.specification import After
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.studies.planning.specification import Candidates, Cost, PlannedFactor
+from bayestissue.studies.planning.plan_file import Candidates, Cost, PlannedFactor
 
 _CONDITION = ("trial", "mass_kg", "velocity_m_s")
 

@@ -30,11 +30,11 @@ from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.model.hierarchy.trace_data import prepare
-from bayestissue.model.hierarchy.traces import with_normal_errors
+from bayestissue.model.hierarchy.trace_models import with_normal_errors
 from bayestissue.recordings.dataset.settings import Gravity, LowPassFilter
-from bayestissue.studies.planning.settings import PLAN as SETTINGS
+from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
 from bayestissue.studies.simulation.campaign import simulate
-from bayestissue.studies.simulation.specification import (
+from bayestissue.studies.simulation.simulation_file import (
     Condition,
     RecordedDeceleration,
     Recording,

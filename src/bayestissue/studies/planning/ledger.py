@@ -20,10 +20,10 @@ from bayestissue.base.settings import Table
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.studies.planning.assurance import PER_STUDY, Assessment, Goal, Progress, planner
 from bayestissue.studies.planning.candidates import Candidate
-from bayestissue.studies.planning.population import BLOCK, DesignPrior
+from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
+from bayestissue.studies.planning.planned_population import BLOCK, DesignPrior
 from bayestissue.studies.planning.running import Running
-from bayestissue.studies.planning.settings import PLAN as SETTINGS
-from bayestissue.studies.simulation.specification import Simulation
+from bayestissue.studies.simulation.simulation_file import Simulation
 
 _COLUMNS = ["key", "study", "normal", *PER_STUDY]
 

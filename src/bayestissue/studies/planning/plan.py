@@ -19,18 +19,16 @@ from bayestissue.base.results.tables import table_of_rows, typed
 from bayestissue.inference.answers.fixed import confounded
 from bayestissue.inference.answers.meaning import as_recorded
 from bayestissue.model.hierarchy.design import build_design
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, grouping_of
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.reports.pages.plan_page import page_of
 from bayestissue.studies.fitting import formulas_of, silent
-from bayestissue.studies.planning.analysis import PlannedStudy, factors_named, study_of
 from bayestissue.studies.planning.assurance import Assessment, Goal, Progress
 from bayestissue.studies.planning.ledger import Case, Ledger, sha256_of
-from bayestissue.studies.planning.population import Beliefs, DesignPrior, Pilot, WithoutSpread
-from bayestissue.studies.planning.settings import PLAN as SETTINGS
-from bayestissue.studies.planning.specification import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
-from bayestissue.studies.planning.words import (
+from bayestissue.studies.planning.plan_file import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
+from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
+from bayestissue.studies.planning.plan_words import (
     answer,
     in_own_words,
     limit_words,
@@ -38,7 +36,9 @@ from bayestissue.studies.planning.words import (
     warning,
     what_limits,
 )
-from bayestissue.studies.simulation.specification import Recording
+from bayestissue.studies.planning.planned_population import Beliefs, DesignPrior, Pilot, WithoutSpread
+from bayestissue.studies.planning.planned_study import PlannedStudy, factors_named, study_of
+from bayestissue.studies.simulation.simulation_file import Recording
 
 PLAN, DESIGNS, STUDIES = "plan.json", "designs", "studies.parquet"
 

@@ -22,9 +22,9 @@ from bayestissue.model.hierarchy.formulas.group_terms import common_coefficient
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.studies.planning.information import spreads_of_nuisance, without_nuisance
-from bayestissue.studies.planning.model import PlannedModel
-from bayestissue.studies.planning.population import Pilot, Streams, Truths
-from bayestissue.studies.planning.settings import PLAN as SETTINGS
+from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
+from bayestissue.studies.planning.planned_population import Pilot, Streams, Truths
+from bayestissue.studies.planning.study_model import PlannedModel
 
 
 @dataclass(frozen=True, eq=False)

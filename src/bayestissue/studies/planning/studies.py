@@ -17,14 +17,14 @@ import pandas as pd
 from jaxtyping import Bool, Float
 
 from bayestissue.model.hierarchy.design import Design, build_design
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.model.hierarchy.population import MASS_ERROR, shared_mass_errors
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.studies.planning.information import Information
-from bayestissue.studies.planning.model import PlannedModel, planned_model
-from bayestissue.studies.planning.population import BLOCK, Streams, Truths
+from bayestissue.studies.planning.planned_population import BLOCK, Streams, Truths
 from bayestissue.studies.planning.running import Running
+from bayestissue.studies.planning.study_model import PlannedModel, planned_model
 
 _REPEAT = "_repeat"
 

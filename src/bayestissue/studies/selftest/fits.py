@@ -15,7 +15,7 @@ import pandas as pd
 from scipy.stats import binom
 
 from bayestissue.mechanics.elements import element
-from bayestissue.studies.selftest.checks import Compared, differing
+from bayestissue.studies.selftest.check_results import Compared, differing
 
 _MODEL, _SUMMARY = "model.toml", "summary"
 _CONDITIONS = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.8, 1.3)]
@@ -46,7 +46,7 @@ def campaign(
 ) -> pd.DataFrame:
     """Write a small simulated campaign of decelerations; its impacts with the truth, a row each."""
     from bayestissue.studies.simulation import simulate, write_campaign
-    from bayestissue.studies.simulation.specification import Simulation
+    from bayestissue.studies.simulation.simulation_file import Simulation
 
     simulation = Simulation.model_validate(
         {
@@ -151,7 +151,7 @@ def coverage(hits: np.ndarray, name: str = "K and C") -> Compared:
 
 def calibrated(folder: Path, campaigns: int) -> list[Compared]:
     """Estimate each impact of campaigns by itself: K and C of thirty impacts each, and their intervals."""
-    from bayestissue.inference.single.estimates import estimate
+    from bayestissue.inference.single.impact_estimates import estimate
 
     hits: dict[str, list[np.ndarray]] = {"K": [], "C": []}
     for number in range(campaigns):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayestissue.studies.selftest.checks import Compared
+from bayestissue.studies.selftest.check_results import Compared
 
 SAMPLES = Path(__file__).parent / "samples"
 _RATE = 2000.0

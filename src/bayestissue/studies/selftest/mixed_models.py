@@ -3,7 +3,7 @@
 The tables are those of lme4 (Bates, Mächler, Bolker and Walker 2015, doi:10.18637/jss.v067.i01), which has
 them from Davies, The Design and Analysis of Industrial Experiments (1949), Davies and Goldsmith, Statistical
 Methods in Research and Production (1972), and Belenky and others, Journal of Sleep Research (2003). They
-stand in ``published.toml``, one row a level of the first factor.
+stand in ``published_numbers.toml``, one row a level of the first factor.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ _ANY = 0.3
 
 
 def data(name: str) -> Float[np.ndarray, "level value"]:
-    """One of the tables of ``published.toml``."""
-    rows = declared(__package__, "published.toml")["data"][name].strip().splitlines()
+    """One of the tables of ``published_numbers.toml``."""
+    rows = declared(__package__, "published_numbers.toml")["data"][name].strip().splitlines()
     return np.array([row.split() for row in rows], float)
 
 

@@ -29,7 +29,7 @@ from bayestissue.recordings.dataset.model import Dataset, long_table
 from bayestissue.recordings.dataset.settings import LowPassFilter, Settings, gravity_m_s2
 from bayestissue.recordings.dataset.traces import Traces
 from bayestissue.recordings.signal.filters import decay, on_even_grid
-from bayestissue.studies.simulation.specification import Phantom, RecordedForce, Simulation, Tissue
+from bayestissue.studies.simulation.simulation_file import Phantom, RecordedForce, Simulation, Tissue
 
 # Of the trace table, beside ``value``.
 FORCE_COLUMN = "force_N"

@@ -1,7 +1,7 @@
 """The audit: the program finds what does not hold together, and says why.
 
-A check is a function that yields the numbers of everything it does not believe; ``findings.toml`` has what is
-said of them.
+A check is a function that yields the numbers of everything it does not believe; ``inconsistencies.toml`` has
+what is said of them.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 import pandas as pd
 
 from bayestissue.recordings.dataset.published import PublishedTables
-from bayestissue.thesis.audit import estimates, people, printed, reasoning
-from bayestissue.thesis.audit.findings import (
+from bayestissue.thesis.audit import people, plausibility, printed, reasoning
+from bayestissue.thesis.audit.inconsistencies import (
     AuditedImpacts,
     Check,
     Publication,
@@ -21,12 +21,12 @@ from bayestissue.thesis.audit.findings import (
 
 # Of the estimates by themselves, and of the publication: its tables against each other and against its text.
 CHECKS_OF_IMPACTS: tuple[Check[AuditedImpacts], ...] = (
-    estimates.constant_natural_frequency,
-    estimates.frequency_and_damping_on_one_curve,
-    estimates.equal_masses_at_other_energies,
-    estimates.frequency_of_the_window,
-    estimates.implied_penetration,
-    estimates.kinetic_energy,
+    plausibility.constant_natural_frequency,
+    plausibility.frequency_and_damping_on_one_curve,
+    plausibility.equal_masses_at_other_energies,
+    plausibility.frequency_of_the_window,
+    plausibility.implied_penetration,
+    plausibility.kinetic_energy,
     people.people_not_told_apart,
     people.damping_without_bounds,
     people.unequal_scatter,

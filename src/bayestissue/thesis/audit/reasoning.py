@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from bayestissue.thesis.audit.findings import Numbers, Publication, named_rows
+from bayestissue.thesis.audit.inconsistencies import Numbers, Publication, named_rows
 from bayestissue.thesis.reproduction.conditions import (
     QUANTITIES,
     Quantity,

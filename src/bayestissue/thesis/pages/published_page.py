@@ -25,7 +25,7 @@ from bayestissue.reports.pages.posterior import (
     hypothesis_probability,
 )
 from bayestissue.reports.pages.wording import listed, percent, relative
-from bayestissue.thesis.audit.findings import TEXTS
+from bayestissue.thesis.audit.inconsistencies import TEXTS
 from bayestissue.thesis.pages import published_figures, published_run
 from bayestissue.thesis.pages.published_run import PublishedRun, read_published_run
 from bayestissue.thesis.reproduction.conditions import Quantity

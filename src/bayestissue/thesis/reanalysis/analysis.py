@@ -27,12 +27,12 @@ from bayestissue.inference.samplers.diagnostics import diagnose
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.derived import effects_by_name
 from bayestissue.model.hierarchy.design import Design
-from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.thesis.reanalysis.explanations import compare_explanations
-from bayestissue.thesis.reanalysis.model import EstimatesModel, common_effects, estimates_data
+from bayestissue.thesis.reanalysis.competing_explanations import compare_explanations
 from bayestissue.thesis.reanalysis.observations import PublishedObservations, average_and_sd, published_design
-from bayestissue.thesis.reanalysis.posterior import EstimatesPosterior, sample_posterior
+from bayestissue.thesis.reanalysis.table_chain import EstimatesPosterior, sample_posterior
+from bayestissue.thesis.reanalysis.table_model import EstimatesModel, common_effects, estimates_data
 
 Say = Callable[[str, int, int], None]
 PRIOR_DRAWS = 1000

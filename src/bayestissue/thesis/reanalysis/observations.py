@@ -16,7 +16,7 @@ from numpyro.distributions import constraints
 from numpyro.distributions.util import validate_sample
 
 from bayestissue.model.hierarchy.design import Design, build_design
-from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.model.likelihood import small
 from bayestissue.recordings.dataset.published import PublishedTables

@@ -5,7 +5,7 @@ the errors are d's derivative by V, d itself, 1 and minus its derivative in time
 linear tells gain from velocity, since its deceleration is not in proportion to V, and so does gravity along
 the motion, which does not come with V. What the samples share besides is noise: see
 `bayestissue.model.likelihood.element.noise`. When contact was may be for the trace to tell: see
-`bayestissue.model.likelihood.element.contact`.
+`bayestissue.model.likelihood.element.contact_cells`.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from bayestissue.mechanics.elements.element import impactor_share
 from bayestissue.mechanics.oscillator import spring_damper_inverse
 from bayestissue.model.likelihood import small
 from bayestissue.model.likelihood.channels import MeasuredTraces, SensorTrace
-from bayestissue.model.likelihood.element import clipped, contact, noise, spring_damper
-from bayestissue.model.likelihood.element.force import force_channel
+from bayestissue.model.likelihood.element import clipped, contact_cells, noise, spring_damper
+from bayestissue.model.likelihood.element.force_channel import force_channel
 from bayestissue.model.likelihood.element.noise import TraceNoise
 from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
 from bayestissue.model.likelihood.element.response import Response, response
@@ -104,7 +104,7 @@ class MeasuredImpact(MeasuredTraces):
     def _errors_by_cell(self) -> Errors:
         share, rms = self.record.discrepancy.share, self.noise_parameters.log_discrepancy
         modes = jnp.zeros_like(share) if rms is None else jnp.exp(rms)[:, None] * jnp.sqrt(share)
-        chain = contact.error_sd(self.record)
+        chain = contact_cells.error_sd(self.record)
         sd = jnp.concatenate([jnp.broadcast_to(modes, (len(chain), *modes.shape)), chain], axis=-1)
         return Errors(sd, self.record.contact.uniform)
 
@@ -114,7 +114,7 @@ class MeasuredImpact(MeasuredTraces):
         ``predicted`` is `response`, if it is at hand.
         """
         predicted = self.response() if predicted is None else predicted
-        deceleration = contact.channel_of(predicted, self.record, self.noise_parameters.log_sigma)
+        deceleration = contact_cells.channel_of(predicted, self.record, self.noise_parameters.log_sigma)
         return [deceleration, *self._of_force(predicted)]
 
     def _of_force(self, predicted: Response) -> list[SensorTrace[TraceNoise]]:
@@ -127,7 +127,7 @@ class MeasuredImpact(MeasuredTraces):
     def products(self, predicted: Response | None = None) -> Products:
         """Of residuals and error columns, over all channels; ``predicted`` as of `channels`."""
         predicted = self.response() if predicted is None else predicted
-        products = contact.products_in_cells(predicted, self.record, self.noise_parameters.log_sigma)
+        products = contact_cells.products_in_cells(predicted, self.record, self.noise_parameters.log_sigma)
         for channel in self._of_force(predicted):
             products = products.beside(noise.products(channel))
         return products
@@ -140,7 +140,7 @@ class MeasuredImpact(MeasuredTraces):
             deceleration = self.channels(predicted)[0]
             density = density + clipped.log_probability(deceleration, record, products, errors)
         if record.contact.reach:
-            density = density + jnp.log(contact.cell_width(record))
+            density = density + jnp.log(contact_cells.cell_width(record))
         return Cells(products, errors, density)
 
     def log_density(self) -> Float[Array, " impact"]:

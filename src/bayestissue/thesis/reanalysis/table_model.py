@@ -24,7 +24,6 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 from bayestissue.model.hierarchy.design import Design
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.gaussian.arrangement import (
     PopulationDesign,
     arrange,
@@ -40,7 +39,8 @@ from bayestissue.model.hierarchy.gaussian.effects import (
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import EffectPart, EffectParts, effects_of
 from bayestissue.model.hierarchy.priors import Priors
-from bayestissue.model.hierarchy.traces import Hierarchy, hyperparameters_at, sample_hyperparameters
+from bayestissue.model.hierarchy.responses import RESPONSES
+from bayestissue.model.hierarchy.trace_models import Hierarchy, hyperparameters_at, sample_hyperparameters
 from bayestissue.model.likelihood import small
 from bayestissue.thesis.reanalysis.observations import (
     AveragesOfLognormals,

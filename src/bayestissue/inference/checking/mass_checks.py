@@ -16,9 +16,9 @@ from bayestissue.inference.checking.model_form import NAMED, SMALL_P
 from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.mechanics.elements import element
-from bayestissue.model.hierarchy.effects import intercept, parameter_of
-from bayestissue.model.hierarchy.force import PreparedForce, tells_added_mass
+from bayestissue.model.hierarchy.force_data import PreparedForce, tells_added_mass
 from bayestissue.model.hierarchy.reference import HALF_WIDTH, Reference
+from bayestissue.model.hierarchy.responses import intercept, parameter_of
 from bayestissue.model.hierarchy.trace_data import Prepared
 
 # Of standard deviations, beyond which a force, or phantoms, contradict what is declared: once in 370.

@@ -12,8 +12,8 @@ from pydantic import BeforeValidator, Field
 from bayestissue.base import runtime
 from bayestissue.base.settings import Table, checked, only, parse_toml, read_text
 from bayestissue.recordings.dataset.settings import Gravity, LowPassFilter, WordSettings
-from bayestissue.studies.planning.population import BLOCK, PlannedPopulation
-from bayestissue.studies.simulation.specification import Condition, Factor, Positive, RecordedDeceleration
+from bayestissue.studies.planning.planned_population import BLOCK, PlannedPopulation
+from bayestissue.studies.simulation.simulation_file import Condition, Factor, Positive, RecordedDeceleration
 
 Minutes = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1)]

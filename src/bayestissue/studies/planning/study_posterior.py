@@ -23,8 +23,8 @@ from scipy.stats import qmc
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.model.hierarchy.gaussian.effects import SitesByCell, effects_from_standard
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.studies.planning.model import PlannedModel
-from bayestissue.studies.planning.settings import INTEGRATION as SETTINGS
+from bayestissue.studies.planning.plan_settings import INTEGRATION as SETTINGS
+from bayestissue.studies.planning.study_model import PlannedModel
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.base.errors import Coded
 from bayestissue.mechanics.elements import element
-from bayestissue.model.hierarchy.recorder import filtered_noise, low_pass_of
+from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_of
 from bayestissue.model.likelihood.element.record import ForceRows
 from bayestissue.model.likelihood.element.recorder import LowPass
 from bayestissue.recordings.dataset.model import Dataset

@@ -18,8 +18,13 @@ from bayestissue.base.padding import padded_impacts, padded_rows
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly, padded
 from bayestissue.inference.execution.kept import all_kept
-from bayestissue.inference.quantities.impacts import NAMES, Impacts, impact_quantities, named_quantities
-from bayestissue.inference.quantities.masses import (
+from bayestissue.inference.quantities.impact_quantities import (
+    NAMES,
+    Impacts,
+    impact_quantities,
+    named_quantities,
+)
+from bayestissue.inference.quantities.mass_errors import (
     DRAWS,
     GAIN_FACTOR,
     MASS_FACTOR,
@@ -34,7 +39,7 @@ from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.population import Population, shared_mass_errors
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import TraceData, TraceModel, impacts_model
+from bayestissue.model.hierarchy.trace_models import TraceData, TraceModel, impacts_model
 
 PRIOR_DRAWS = 1000
 # Of the rows of a block and its impacts' parameters: the errors of log mass, and a key of each draw.

@@ -11,17 +11,17 @@ import xarray as xr
 from jaxtyping import Bool, Float
 from scipy.special import logsumexp
 
-from bayestissue.inference import comparing
+from bayestissue.inference import model_comparison
 from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.model.hierarchy.specification import Sampler
-from bayestissue.thesis.reanalysis.model import EstimatesData, EstimatesModel, without
-from bayestissue.thesis.reanalysis.posterior import (
+from bayestissue.thesis.reanalysis.table_chain import (
     EstimatesPosterior,
     evidence_ratios,
     leave_one_out_densities,
     sample_posterior,
 )
+from bayestissue.thesis.reanalysis.table_model import EstimatesData, EstimatesModel, without
 
 # Of each explanation, and of each again without a trial.
 SAMPLER = {"chains": 2, "draws": 500, "effective": 200}
@@ -46,10 +46,10 @@ def compare_explanations(
         progress: told how many explanations are done.
 
     Returns:
-        The tables of `bayestissue.inference.comparing`, one below the other.
+        The tables of `bayestissue.inference.model_comparison`, one below the other.
     """
     if not explanations:
-        return pd.DataFrame(columns=comparing.COLUMNS)
+        return pd.DataFrame(columns=model_comparison.COLUMNS)
     settings = Sampler.model_validate(sampler.model_dump() | SAMPLER)
     held_out = [trial == label for label in dict.fromkeys(trial)]
     trees, scores, fitted = {}, {}, {}
@@ -63,9 +63,9 @@ def compare_explanations(
         score = partial(log_predictive_density, model, posterior, settings=settings, seed=seed)
         scores[name] = np.array([score(rows) for rows in held_out])
     progress(len(explanations), len(explanations))
-    by_impact = comparing.by_impact(trees, "estimates")
+    by_impact = model_comparison.by_impact(trees, "estimates")
     by_impact["p_effective"] = by_impact["model"].map(fitted) - by_impact["elpd"]
-    return pd.concat([by_impact, comparing.by_trial(scores)], ignore_index=True)
+    return pd.concat([by_impact, model_comparison.by_trial(scores)], ignore_index=True)
 
 
 def log_predictive_density(

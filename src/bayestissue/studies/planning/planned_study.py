@@ -24,11 +24,11 @@ from bayestissue.inference.answers.reliability import as_variables, coefficients
 from bayestissue.inference.answers.study import Study
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.design import Design, build_design
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.formulas.formula import DEFAULT_FORMULA
 from bayestissue.model.hierarchy.formulas.formula import resolve as resolve_formula
 from bayestissue.model.hierarchy.formulas.group_terms import quoted
 from bayestissue.model.hierarchy.priors import term_of_group, term_of_slope
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.recordings.dataset.cells import alike
 from bayestissue.studies.finished import read_run
@@ -37,12 +37,12 @@ from bayestissue.studies.planning.assurance import Goal
 from bayestissue.studies.planning.begun import begun_study, pilot_of
 from bayestissue.studies.planning.candidates import Candidate, grid, largest_of_each
 from bayestissue.studies.planning.information import simulation_of
-from bayestissue.studies.planning.law import planned_law
-from bayestissue.studies.planning.model import planned_model
-from bayestissue.studies.planning.population import Beliefs, DesignPrior
+from bayestissue.studies.planning.plan_file import PlanSpecification
+from bayestissue.studies.planning.planned_population import Beliefs, DesignPrior
 from bayestissue.studies.planning.running import Running
-from bayestissue.studies.planning.specification import PlanSpecification
-from bayestissue.studies.simulation.specification import Simulation
+from bayestissue.studies.planning.study_model import planned_model
+from bayestissue.studies.planning.tabulated_law import planned_law
+from bayestissue.studies.simulation.simulation_file import Simulation
 
 # The mass that K and C of the population are at, where neither plan nor model says.
 REFERENCE_MASS_KG = 0.7

@@ -15,7 +15,7 @@ from bayestissue.inference.execution.compiling import by_row
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.model.hierarchy.population import Population, force_ratio, heavier, shared_mass_errors
 from bayestissue.model.hierarchy.trace_data import Prepared, in_proportion_to_mass
-from bayestissue.model.hierarchy.traces import TraceModel
+from bayestissue.model.hierarchy.trace_models import TraceModel
 
 # Draws of one call.
 DRAWS = 256

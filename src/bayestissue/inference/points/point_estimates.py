@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.base.errors import Coded, by_impact, codes_of
-from bayestissue.inference.points.fit import Column, fit_points
 from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,
     ARCCOS,
@@ -23,6 +22,7 @@ from bayestissue.inference.points.notes import (
     TOO_DEEP,
     UNUSED,
 )
+from bayestissue.inference.points.point_fit import Column, fit_points
 from bayestissue.mechanics.oscillator import peak_displacement
 from bayestissue.recordings.dataset.impacts import of_phantoms
 from bayestissue.recordings.signal import Displacements
@@ -112,7 +112,8 @@ def table_of(
     Args:
         dataset: the recordings.
         signal: what was made of them.
-        oscillator: its numbers by the names of `bayestissue.inference.points.fit.PointFit`; none where there
+        oscillator: its numbers by the names of `bayestissue.inference.points.point_fit.PointFit`; none where
+        there
             are none.
         flags: of each impact.
         notes: of each impact.

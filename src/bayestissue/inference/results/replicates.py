@@ -11,10 +11,10 @@ from jaxtyping import Float
 
 from bayestissue.inference.execution.compiling import by_row, padded
 from bayestissue.inference.execution.kept import some_impacts
-from bayestissue.inference.quantities.draws import Draws
+from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import TraceData, TraceModel, trace_likelihood
+from bayestissue.model.hierarchy.trace_models import TraceData, TraceModel, trace_likelihood
 
 PREDICTIVE_DRAWS, PRIOR_PREDICTIVE_DRAWS = 100, 50
 # Steps of a replicate, in what its noise differs by from sample to sample: they add 1e-5 to its variance.

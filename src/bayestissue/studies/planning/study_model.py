@@ -21,7 +21,6 @@ from numpyro.distributions import biject_to
 
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.design import Design
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.model.hierarchy.levels import log_at_levels
 from bayestissue.model.hierarchy.population import (
@@ -32,8 +31,9 @@ from bayestissue.model.hierarchy.population import (
     whose_errors,
 )
 from bayestissue.model.hierarchy.priors import Priors
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification
-from bayestissue.model.hierarchy.traces import Hierarchy, hyperparameters_at
+from bayestissue.model.hierarchy.trace_models import Hierarchy, hyperparameters_at
 
 
 @dataclass(frozen=True, eq=False)

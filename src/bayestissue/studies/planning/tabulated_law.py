@@ -20,10 +20,10 @@ from jaxtyping import Float
 
 from bayestissue.inference.answers.law import MET, Law, Values
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES
-from bayestissue.model.hierarchy.effects import RESPONSES
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.recordings.dataset.settings import Gravity, gravity_m_s2
-from bayestissue.studies.planning.settings import TABULATION as SETTINGS
+from bayestissue.studies.planning.plan_settings import TABULATION as SETTINGS
 
 if TYPE_CHECKING:
     from scipy.interpolate import RegularGridInterpolator

@@ -18,7 +18,7 @@ from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
 from bayestissue.mechanics.oscillator import peak_displacement, time_to_peak
 from bayestissue.recordings.signal.integration import trapezoids
-from bayestissue.thesis.audit.findings import AuditedImpacts, Numbers, number_list
+from bayestissue.thesis.audit.inconsistencies import AuditedImpacts, Numbers, number_list
 
 # Of a made-up blow.
 _SAMPLES = 2001

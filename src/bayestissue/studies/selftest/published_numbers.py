@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayestissue.base.declarations import declared
-from bayestissue.inference.results.errors import NOISE, by_source
+from bayestissue.inference.results.error_sources import NOISE, by_source
 from bayestissue.model.likelihood import arma21_log_likelihood
 from bayestissue.studies.selftest.decaying import fitted_exponentials
 from bayestissue.studies.selftest.mixed_models import columns, data, least_objective, sleep_objective
@@ -114,5 +114,5 @@ _COMPUTED: dict[str, Callable[[], Mapping[str, float]]] = {
 }
 PUBLISHED = {
     name: Published(**entry, computed=_COMPUTED[name])
-    for name, entry in declared(__package__, "published.toml")["published"].items()
+    for name, entry in declared(__package__, "published_numbers.toml")["published"].items()
 }

@@ -35,7 +35,7 @@ from bayestissue.model.hierarchy.population import (
     covariances_of,
 )
 from bayestissue.model.hierarchy.priors import HalfNormal, Priors
-from bayestissue.model.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
+from bayestissue.model.likelihood.arma.displacements import DisplacementRecord, MeasuredDisplacement
 from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.element.record import DecelerationRecord
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from bayestissue.studies.selftest.checks import Compared, Part, Say, run
+from bayestissue.studies.selftest.check_results import Compared, Part, Say, run
 from bayestissue.studies.selftest.fits import calibrated, recovered, resumed
 from bayestissue.studies.selftest.formats import read_back
-from bayestissue.studies.selftest.published import PUBLISHED, Published
+from bayestissue.studies.selftest.published_numbers import PUBLISHED, Published
 
 # Of these models a campaign is recovered by default, of the further ones by --thorough.
 _LIKELIHOODS, _FURTHER = ("impact", "arma"), ("a2", "maxwell", "hunt_crossley")

@@ -28,7 +28,7 @@ from bayestissue.recordings.dataset.settings import (
 from bayestissue.recordings.dataset.tables import TEXT_SUFFIXES
 from bayestissue.recordings.intake.facts import Cells
 from bayestissue.recordings.intake.names import Pattern, columns, fills
-from bayestissue.studies.simulation.specification import Positive
+from bayestissue.studies.simulation.simulation_file import Positive
 
 
 class Wanted(Table):

@@ -8,7 +8,7 @@ from typing import Any
 from bayestissue.base.errors import Coded
 from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.wording import half_width, listed, nouns_of_plan, percent, with_error
-from bayestissue.studies.planning.settings import PLAN as SETTINGS
+from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
 
 Content = Mapping[str, Any]
 # What may limit the answer, by its key in plan.json: the chosen design with that much more or less of it. Any

@@ -3,8 +3,8 @@
 A drop is its Gaussian site of log K and log C, as a fit begins with; the population is that of a planned
 study, log K = intercept + exponent x log mass + deviation of the person (and side, or whatever text tells
 drops of a person apart) + deviation of the impact, and so of log C. It is integrated as a plan integrates it
-(`bayestissue.studies.planning.posterior`), over a table of people, masses and repeats that is larger than the
-study, so that a drop more compiles nothing anew. It is no fit: sites stand for the traces.
+(`bayestissue.studies.planning.study_posterior`), over a table of people, masses and repeats that is larger
+than the study, so that a drop more compiles nothing anew. It is no fit: sites stand for the traces.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from bayestissue.base.errors import InputError
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.points.notes import PHANTOM
 from bayestissue.model.hierarchy.design import build_design
-from bayestissue.model.hierarchy.effects import RESPONSES
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
+from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import Formulas
 from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.recordings.dataset.impacts import REFERENCE, RESERVED
 from bayestissue.recordings.intake.facts import Cells
 from bayestissue.reports.pages.wording import estimated
-from bayestissue.studies.bench.campaign import WatchedCampaign
+from bayestissue.studies.bench.campaign_file import WatchedCampaign
 from bayestissue.studies.bench.drops import Drop
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.init import COUNTS
 from bayestissue.studies.one_impact import Impact
 from bayestissue.studies.planning.assurance import weighted_quantiles
 from bayestissue.studies.planning.information import spreads_of_nuisance, without_nuisance
-from bayestissue.studies.planning.model import planned_model
-from bayestissue.studies.planning.posterior import PlannedSites, posteriors
+from bayestissue.studies.planning.study_model import planned_model
+from bayestissue.studies.planning.study_posterior import PlannedSites, posteriors
 
 _FORMULA = "log(mass_kg) + (1|subject)"
 # Of people, masses and repeats of each: the table has room for so many, and doubles where they are more.

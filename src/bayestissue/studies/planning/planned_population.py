@@ -21,7 +21,6 @@ from scipy import stats
 
 from bayestissue.base.settings import Table
 from bayestissue.model.hierarchy.design import Design
-from bayestissue.model.hierarchy.effects import intercept
 from bayestissue.model.hierarchy.formulas.group_terms import common_coefficient
 from bayestissue.model.hierarchy.priors import (
     Correlation,
@@ -35,8 +34,9 @@ from bayestissue.model.hierarchy.priors import (
     term_of_group,
     term_of_slope,
 )
-from bayestissue.studies.planning.model import PlannedModel
-from bayestissue.studies.planning.settings import PLAN as SETTINGS
+from bayestissue.model.hierarchy.responses import intercept
+from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
+from bayestissue.studies.planning.study_model import PlannedModel
 
 BLOCK = SETTINGS.block
 

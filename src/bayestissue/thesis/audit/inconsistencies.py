@@ -56,7 +56,8 @@ def as_table(graded: Iterable[Inconsistency]) -> pd.DataFrame:
 
 
 type Numbers = Mapping[str, Any]
-"""What a check yields of a thing that it does not believe, by the names in its texts in ``findings.toml``.
+"""What a check yields of a thing that it does not believe, by the names in its texts in
+``inconsistencies.toml``.
 
 A ``severity`` among them, unless None, stands instead of the check's.
 """
@@ -64,13 +65,13 @@ type Check[Subject] = Callable[[Subject], Iterable[Numbers]]
 """A function that yields the numbers of everything it does not believe, and says how serious that is."""
 
 
-TEXTS = declared(__package__, "findings.toml")
+TEXTS = declared(__package__, "inconsistencies.toml")
 
 
 def findings[Subject](
     checks: Iterable[Check[Subject]], subject: Subject, where: str = ""
 ) -> Iterator[Inconsistency]:
-    """What checks find in ``subject``, in the words of ``findings.toml``; ``where`` if no place is named."""
+    """What checks find in ``subject``, in words; ``where`` if no place is named."""
     for check in checks:
         texts = dict(TEXTS[check.__name__])
         severity, bearing = texts.pop("severity"), texts.pop("bearing")

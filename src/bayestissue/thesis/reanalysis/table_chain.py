@@ -17,18 +17,18 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.ending import LookVerdict
 from bayestissue.inference.chain.moves import FREEDOM, StudentT, WalkNumbers, followed, walk
 from bayestissue.inference.chain.results import constrained
 from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
-from bayestissue.inference.chain.settings import ChainSettings
 from bayestissue.inference.chain.warm_up import nearest_t, walk_start
 from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.model.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.model.hierarchy.specification import Sampler
-from bayestissue.thesis.reanalysis.model import (
+from bayestissue.thesis.reanalysis.table_model import (
     Densities,
     EstimatesData,
     EstimatesModel,

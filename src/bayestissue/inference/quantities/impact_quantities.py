@@ -21,7 +21,7 @@ from bayestissue.mechanics.elements import Element, Outcomes, element, element_n
 from bayestissue.mechanics.elements.element import GRAVITY, inertia
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, MEASURED, outcomes_of
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
-from bayestissue.model.hierarchy.traces import (
+from bayestissue.model.hierarchy.trace_models import (
     Physical,
     TraceData,
     TraceModel,

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.traces import (
+from bayestissue.model.hierarchy.trace_models import (
     TraceData,
     TraceModel,
     impact_likelihood,

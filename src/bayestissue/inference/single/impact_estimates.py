@@ -12,18 +12,8 @@ from jaxtyping import Bool
 from bayestissue.base.errors import Coded, InputError
 from bayestissue.base.resources import shared
 from bayestissue.inference.checking.findings import PEAK_MISSED
-from bayestissue.inference.checking.recordings import missed_peaks
+from bayestissue.inference.checking.recording_checks import missed_peaks
 from bayestissue.inference.execution.kept import some_of
-from bayestissue.inference.points.estimates import (
-    always_noted,
-    another_peak,
-    at_a_limit,
-    flags_of,
-    in_rows,
-    notes_of,
-    table_of,
-    thesis_table,
-)
 from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,
     AT_A_LIMIT,
@@ -34,6 +24,16 @@ from bayestissue.inference.points.notes import (
     NOISELESS,
     STRUCTURED,
     UNCORRECTED,
+)
+from bayestissue.inference.points.point_estimates import (
+    always_noted,
+    another_peak,
+    at_a_limit,
+    flags_of,
+    in_rows,
+    notes_of,
+    table_of,
+    thesis_table,
 )
 from bayestissue.inference.results.labels import outcome_column
 from bayestissue.inference.samplers.psis import k_threshold
