@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import gzip
+import json
 import re
 from html.parser import HTMLParser
 
@@ -40,6 +41,11 @@ class Reader(HTMLParser):
 
 
 def figures(html: str) -> list[str]:
-    """The specifications of a page's figures, unpacked."""
-    packed = re.findall(r'<script type="text/plain" class="packed">([^<]*)</script>', html)
-    return [gzip.decompress(base64.b64decode(text)).decode() for text in packed]
+    """The specifications of a page's figures."""
+    content = json.loads(unpacked(re.findall(r'id="figures-data">([^<]*)</script>', html)[0]))
+    return [json.dumps(one, ensure_ascii=False, separators=(",", ":")) for one in content.values()]
+
+
+def unpacked(text: str) -> bytes:
+    """What a page carries, as bytes."""
+    return gzip.decompress(base64.b85decode(text.translate(str.maketrans(",:.", "<>&"))))

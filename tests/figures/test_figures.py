@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 import pytest
 
 from bayestissue import read_run
-from bayestissue.reports.figures.browser import packed_json
+from bayestissue.reports.figures.browser import figure_json
 from bayestissue.reports.figures.intervals import MOST_LEVELS, intervals, with_error_of, with_ranks
 from bayestissue.reports.figures.study import agreement, limits_of_agreement, points, shares
 from bayestissue.reports.figures.theme import number, scale_over
@@ -17,7 +18,6 @@ from bayestissue.reports.figures.traces import CONTACT, panels, thinned
 from bayestissue.reports.pages.fit import figures
 from bayestissue.reports.pages.run_folder import read_about
 from make_fit_run import make_fit_run, read_fit_run
-from page_reader import figures as specifications
 
 pytestmark = pytest.mark.slow
 
@@ -112,8 +112,18 @@ def test_a_table_stands_in_a_specification_once() -> None:
     rows = with_ranks(np.ones((3, 2)), ["a", "b"])
     whole = intervals(rows, "K (N/m)", "words").specification()
     assert list(whole["datasets"]) == ["rows-0"]
-    (packed,) = specifications(f'<script type="text/plain" class="packed">{packed_json(whole)}</script>')
-    assert '"rows-0":[{"label":"a"' in packed
+    assert '"rows-0":{"label":["a","b"]' in figure_json(whole)
+
+
+def test_a_page_holds_what_a_pixel_can_show() -> None:
+    rows = [
+        {"far": far, "close": close, "name": "<b>"}
+        for far, close in ((1 / 3, 1000.123456), (3e-9 / 7, 1001.0))
+    ]
+    columns = json.loads(figure_json({"datasets": {"rows-0": rows}}))["datasets"]["rows-0"]
+    assert columns["far"] == [0.3333, 4.286e-10]
+    assert columns["close"] == [1000.12, 1001.0]
+    assert "<" not in figure_json({"datasets": {"rows-0": rows}})
 
 
 @pytest.mark.slow

@@ -13,16 +13,45 @@ from typing import Any
 
 from bayestissue.base.results.files import whole_file
 
+# Digits of a number, and of the range of its column, that a figure holds: a pixel shows no more.
+DIGITS = 4
+
 
 def packed(content: bytes) -> str:
     """``content`` compressed, as text; the same content is the same text."""
-    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
+    return _as_text(gzip.compress(content, 9, mtime=0))
 
 
-def packed_json(content: Any) -> str:
-    """``content`` as JSON with six digits, `packed`."""
-    text = json.dumps(_rounded(content), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    return packed(text.encode())
+def _as_text(data: bytes) -> str:
+    """Four bytes as five letters, none of which means anything in HTML."""
+    return base64.b85encode(data).decode().translate(str.maketrans("<>&", ",:."))
+
+
+def figure_json(specification: dict[str, Any]) -> str:
+    """A figure as a page holds it: JSON, each of its tables by column, no tag in it."""
+    tables = {name: by_column(rows) for name, rows in specification["datasets"].items()}
+    content = _rounded(specification | {"datasets": tables})
+    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c")
+
+
+def by_column(rows: list[dict[str, Any]]) -> dict[str, list[Any]]:
+    """A table's columns in place of its rows, which pack worse, its numbers `_shortened`."""
+    return {name: _shortened([row[name] for row in rows]) for name in (rows[0] if rows else ())}
+
+
+def _shortened(column: list[Any]) -> list[Any]:
+    """Numbers with `DIGITS` digits, or with those of the column's range where these are more."""
+    numbers = [value for value in column if isinstance(value, float) and math.isfinite(value)]
+    spread = max(numbers, default=0.0) - min(numbers, default=0.0)
+
+    def shortened(value: Any) -> Any:
+        if not isinstance(value, float) or not math.isfinite(value):
+            return value
+        sizes = [math.floor(math.log10(size)) for size in (abs(value), spread) if size]
+        return round(value, DIGITS - 1 - min(sizes, default=0))
+
+    return [shortened(value) for value in column]
 
 
 def _rounded(value: Any) -> Any:
@@ -37,19 +66,27 @@ def _rounded(value: Any) -> Any:
 
 @cache
 def library() -> str:
-    """Vega, Vega-Lite and Vega-Embed, `packed`.
+    """Vega, Vega-Lite and Vega-Embed, as `packed` has it."""
+    return _as_text(_compressed_library())
 
-    Bundling takes two seconds, so that it is kept in the user's cache folder, by version.
-    """
+
+def library_script() -> str:
+    """The same as a script."""
+    return gzip.decompress(_compressed_library()).decode()
+
+
+@cache
+def _compressed_library() -> bytes:
+    """Bundling takes two seconds, so that it is kept in the user's cache folder, by version."""
     from platformdirs import user_cache_path
 
-    path = user_cache_path("bayestissue") / f"vega-{version('vl-convert-python')}.txt"
+    path = user_cache_path("bayestissue") / f"vega-{version('vl-convert-python')}.js.gz"
     with suppress(OSError):
-        return path.read_text(encoding="ascii")
+        return path.read_bytes()
     import vl_convert
 
     # Its type says that a snippet is required, its documentation and code that none is.
-    text = packed(vl_convert.javascript_bundle().encode())  # type: ignore[call-arg]
+    script = gzip.compress(vl_convert.javascript_bundle().encode(), 9, mtime=0)  # type: ignore[call-arg]
     with suppress(OSError), whole_file(path) as staging:
-        staging.write_text(text, encoding="ascii")
-    return text
+        staging.write_bytes(script)
+    return script

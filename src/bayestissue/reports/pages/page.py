@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import gzip
 import hashlib
 import re
 from collections.abc import Callable, Iterable
@@ -17,7 +16,7 @@ from bayestissue.base.declarations import general
 from bayestissue.base.outline import counted, numbers_in_short
 from bayestissue.base.remedies import Code, entries
 from bayestissue.base.words import PLAIN, Words
-from bayestissue.reports.figures.browser import library, packed_json
+from bayestissue.reports.figures.browser import figure_json, library, library_script, packed
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.pages import tables
 from bayestissue.reports.pages.wording import (
@@ -30,7 +29,9 @@ from bayestissue.reports.pages.wording import (
     with_error,
 )
 
-_BEGINS = '<meta charset="utf-8">'
+_BEGINS, _ENDS = '<meta charset="utf-8">', "</footer>"
+# A figure where a template has drawn it; `render_page` takes all out and packs them as one.
+_FIGURE = re.compile(r'<script type="application/json" data-of="(chart-\w+)">(.*?)</script>', re.DOTALL)
 # A page's own script, and the figures' library that this script unpacks; a style runs no script.
 _POLICY = (
     "default-src 'none'; script-src 'sha256-{}' blob:; style-src 'unsafe-inline'; img-src data: blob:; "
@@ -57,14 +58,18 @@ def render_page(
     """
     codes = list(dict.fromkeys(codes))
     html = _environment().get_template(template).render(codes=codes, served=served, nouns=nouns, **context)
-    html = nouns.page(html)
+    figures = dict(_FIGURE.findall(html))
+    html = nouns.page(_FIGURE.sub("", html))
+    if figures:
+        content = ",".join(f'"{name}":{figure}' for name, figure in figures.items())
+        html = html.replace(_ENDS, f"{_ENDS}\n{_carried('figures-data', packed(f'{{{content}}}'.encode()))}")
     if served:
         return html
     # The page's own script is the last: whatever else calls itself one is refused by the browser.
     body, begin, end = html.rpartition("<script>")
     own = end.partition("</script>")[0]
-    if 'class="packed"' in body:
-        body += f'<script type="text/plain" id="library">{library()}</script>\n'
+    if figures:
+        body += f"{_carried('library', library())}\n"
     digest = base64.b64encode(hashlib.sha256(own.encode()).digest()).decode()
     policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY.format(digest)}">'
     return (body + begin + end).replace(_BEGINS, f"{_BEGINS}\n{policy}", 1)
@@ -78,34 +83,32 @@ def assets(*scripts: str) -> dict[str, str]:
     return {
         "page.css": script("style.css"),
         "page.js": "\n".join(map(script, ("page.js", *scripts))),
-        "library.js": gzip.decompress(base64.b64decode(library())).decode(),
+        "library.js": library_script(),
     }
 
 
-# As many rows stand in the page behind a figure; its download has all.
-MOST_NUMBERS = 100
+def _carried(name: str, text: str) -> str:
+    """What is `packed`, as an element that runs nothing."""
+    return f'<script type="text/plain" id="{name}">{text}</script>'
 
 
 def drawn(one: Figure, name: str = "", nouns: Words = PLAIN) -> Markup:
-    """A figure that the browser draws, with its numbers as a table; ``name`` is what a script calls it by.
+    """A figure that the browser draws, and its numbers when they are wanted; a script calls it by ``name``.
 
-    Without a script the table stands alone.
+    Without a script its words stand alone.
     """
-    packed = packed_json(nouns.chart(one.specification()))
-    numbers = tables.frame_table(one.data[:MOST_NUMBERS])
-    chart: Markup = part("figure.html").chart(
-        _chart_id(packed), one.words, packed, name, numbers, len(one.data)
-    )
+    figure = figure_json(nouns.chart(one.specification()))
+    chart: Markup = part("figure.html").chart(_chart_id(figure), one.words, Markup(figure), name)  # noqa: S704 - without tags
     return chart
 
 
-def _chart_id(packed: str) -> str:
-    return f"chart-{hashlib.sha256(packed.encode()).hexdigest()[:8]}"
+def _chart_id(figure: str) -> str:
+    return f"chart-{hashlib.sha256(figure.encode()).hexdigest()[:8]}"
 
 
 def again(one: Figure, nouns: Words = PLAIN) -> Markup:
     """A figure once more on the same page, which holds it once and draws it first."""
-    chart = _chart_id(packed_json(nouns.chart(one.specification())))
+    chart = _chart_id(figure_json(nouns.chart(one.specification())))
     return Markup('<div class="again" data-of="{}"></div>').format(chart)
 
 

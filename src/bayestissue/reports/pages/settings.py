@@ -23,7 +23,7 @@ class Limits:
         loop_samples: of each of these, which then looks smooth.
         same_motion: difference of the log of mass or velocity up to which an impact belongs to a motion.
         rows: of a table; the file has all.
-        steps: of a recording's numbers, above 0 and below, which two bytes hold: finer than a screen shows.
+        steps: of a recording's median, above 0 and below, and of what is beside it, finer than a pixel.
     """
 
     samples: int = 60_000
@@ -39,7 +39,7 @@ class Limits:
     loop_samples: int = 60
     same_motion: float = 0.05
     rows: int = 300
-    steps: int = 32_000
+    steps: tuple[int, int] = (1_000, 150)
 
 
 @dataclass(frozen=True)

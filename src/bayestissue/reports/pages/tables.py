@@ -196,14 +196,7 @@ def columns(*titles: str, number: Sequence[str] = (), words: Sequence[str] = ())
     )
 
 
-def cell_words(value: Any) -> str:
-    """A cell of a table: a number that is not whole with four digits, empty where there is none."""
-    if isinstance(value, float):
-        return "" if math.isnan(value) else significant(value, 4)
-    return str(value)
-
-
-def frame_table(frame: pd.DataFrame, words: Callable[[Any], str] = cell_words) -> Table:
+def frame_table(frame: pd.DataFrame, words: Callable[[Any], str]) -> Table:
     """Every column of ``frame`` under its own name, each cell in ``words``, numbers to the right."""
     numbers = [str(name) for name in frame if pd.api.types.is_numeric_dtype(frame[name])]
     rows = [Row([words(value) for value in row]) for row in frame.itertuples(index=False, name=None)]

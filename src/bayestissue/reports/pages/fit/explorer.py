@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.reports.figures.browser import packed
+from bayestissue.reports.figures.browser import by_column, packed
 from bayestissue.reports.figures.impacts import factors
 from bayestissue.reports.figures.traces import BANDS
 from bayestissue.reports.pages.fit.estimates import evenly_spaced
@@ -42,9 +42,10 @@ def carried_words(run: FitRun) -> str:
 def packed_impacts(run: FitRun, table: pd.DataFrame) -> str:
     """The impacts' ``table`` and their recordings, `packed` for the script of the page.
 
-    Four bytes with the length of a JSON text; the text; then whole numbers of two bytes: of each carried
+    Four bytes with the length of a JSON text; the text; then whole numbers as `_differences`: of each carried
     impact the predicted median, the recording less it, and the other `BANDS` less it, each as many as its
-    samples. An impact's numbers times its ``step`` are in the unit that the page shows.
+    samples. The median times the first of an impact's ``steps``, and the others times the second, are in the
+    unit that the page shows.
     """
     replicates, others = (
         run.draws(run.shown, "posterior_predictive"),
@@ -54,8 +55,11 @@ def packed_impacts(run: FitRun, table: pd.DataFrame) -> str:
     for index in carried(run):
         rows = trace_rows(run, index, replicates[:, index])
         left = rows[["recorded", *others]].sub(rows["median"], axis=0)
-        numbers = np.vstack([rows["median"], left.to_numpy().T])
-        step = float(np.abs(numbers).max(initial=0) / LIMITS.steps) or 1.0
+        parts = rows[["median"]].to_numpy().T, left.to_numpy().T
+        steps = [
+            float(np.abs(part).max(initial=0) / count) or 1.0
+            for part, count in zip(parts, LIMITS.steps, strict=True)
+        ]
         at = rows["time_ms"].to_numpy()
         traces.append(
             {
@@ -63,19 +67,25 @@ def packed_impacts(run: FitRun, table: pd.DataFrame) -> str:
                 "samples": int(at.size),
                 "first": float(at[0]) if at.size else 0.0,
                 "interval": float((at[-1] - at[0]) / max(at.size - 1, 1)) if at.size else 1.0,
-                "step": step,
+                "steps": steps,
             }
         )
-        values.append(np.round(numbers / step).astype("<i2").ravel())
+        values += [np.round(part / step).ravel() for part, step in zip(parts, steps, strict=True)]
     header: dict[str, Any] = {
-        "impacts": json.loads(table.to_json(orient="records", double_precision=6)),
+        "impacts": by_column(json.loads(table.to_json(orient="records", double_precision=15))),
         "factors": factors(table),
         "bands": others,
         "tested": run.tested,
         "traces": traces,
     }
     text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
-    text += b" " * (len(text) % 2)
-    return packed(
-        struct.pack("<I", len(text)) + text + np.concatenate(values or [np.array([], "<i2")]).tobytes()
-    )
+    return packed(struct.pack("<I", len(text)) + text + _differences(np.concatenate([[], *values])))
+
+
+def _differences(numbers: np.ndarray) -> bytes:
+    """What each of whole ``numbers`` adds to the one before, in two bytes: all low ones, then all high ones.
+
+    The lowest bit is the sign, so that the high bytes are mostly 0, which packs well.
+    """
+    added = np.diff(numbers.astype(np.int32), prepend=0)
+    return ((added << 1) ^ (added >> 31)).astype("<u2").view(np.uint8).reshape(-1, 2).T.tobytes()

@@ -6,7 +6,14 @@
   const buffer = await bayestissue.unpacked(document.getElementById("impacts-data"));
   const length = new DataView(buffer).getUint32(0, true);
   const data = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
-  const numbers = new Int16Array(buffer.slice(4 + length));
+  // Each number is what it adds to the one before, its sign in the lowest bit; first all low bytes.
+  const coded = new Uint8Array(buffer, 4 + length), numbers = new Int16Array(coded.length / 2);
+  let last = 0;
+  numbers.forEach((_, at) => {
+    const added = coded[at] | coded[numbers.length + at] << 8;
+    numbers[at] = last += (added >> 1) ^ -(added & 1);
+  });
+  data.impacts = bayestissue.rowsOf(data.impacts);
   const names = data.impacts.map(row => row.impact);
   const place = new Map(names.map((name, at) => [name, at]));
   let start = 0;
@@ -64,10 +71,11 @@
     const trace = traces.get(name);
     if (!trace) return [];
     const n = trace.samples, column = k => numbers.subarray(trace.start + k * n, trace.start + (k + 1) * n);
-    const middle = column(0);
+    const [step, finer] = trace.steps, middle = column(0);
+    const beside = (k, i) => middle[i] * step + column(k)[i] * finer;
     return Array.from({ length: n }, (_, i) => ({
-      time_ms: trace.first + i * trace.interval, median: middle[i] * trace.step, recorded: (middle[i] + column(1)[i]) * trace.step,
-      ...Object.fromEntries(data.bands.map((band, k) => [band, (middle[i] + column(k + 2)[i]) * trace.step])),
+      time_ms: trace.first + i * trace.interval, median: middle[i] * step, recorded: beside(1, i),
+      ...Object.fromEntries(data.bands.map((band, k) => [band, beside(k + 2, i)])),
     }));
   };
 

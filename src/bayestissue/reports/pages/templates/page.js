@@ -3,10 +3,18 @@
 const bayestissue = (() => {
   const root = document.documentElement;
   root.classList.add("scripted");
-  // What is packed is base64 of gzip: its bytes.
+  // What is packed is compressed; of that, five letters are four bytes.
+  const places = new Uint8Array(128);
+  [..."0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%.()*+-;,=:?@^_`{|}~"].forEach((letter, at) => { places[letter.charCodeAt(0)] = at; });
   const unpacked = element => {
-    const bytes = Uint8Array.from(atob(element.textContent), c => c.charCodeAt(0));
-    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
+    const letters = element.textContent, bytes = new DataView(new ArrayBuffer(4 * Math.ceil(letters.length / 5)));
+    for (let at = 0; at < letters.length; at += 5) {
+      let four = 0;
+      for (let k = at; k < at + 5; k++) four = 85 * four + (k < letters.length ? places[letters.charCodeAt(k)] : 84);
+      bytes.setUint32(4 * at / 5, four);
+    }
+    const packed = new Blob([bytes.buffer.slice(0, Math.floor(letters.length * 4 / 5))]);
+    return new Response(packed.stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
   };
   const text = async element => new TextDecoder().decode(await unpacked(element));
   const fetched = new Map();
@@ -35,12 +43,36 @@ const bayestissue = (() => {
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
   };
 
+  // Figures by name, each of their tables by column.
+  const figures = () => once("figures", async () => JSON.parse(await text(document.getElementById("figures-data"))));
+  const rowsOf = table => (Object.values(table)[0] || []).map((_, at) => Object.fromEntries(Object.entries(table).map(([name, column]) => [name, column[at]])));
+
+  // The rows behind a figure as a table, made when it is asked for; the download has all of them.
+  const MOST = 100;
+  const short = value => typeof value !== "number" ? value ?? "" : String(Number(value.toPrecision(4))).replace("-", "\u2212");
+  const tabled = (part, rows) => {
+    const names = Object.keys(rows[0] || {}), table = document.createElement("table"), body = table.createTBody(), scroll = document.createElement("div");
+    const add = (row, kind, name, value) => {
+      const cell = document.createElement(kind);
+      cell.textContent = value; if (typeof rows[0][name] !== "number") cell.className = "text"; else if (kind === "th") cell.className = "number";
+      row.append(cell);
+    };
+    const head = table.createTHead().insertRow();
+    names.forEach(name => add(head, "th", name, name));
+    rows.slice(0, MOST).forEach(one => { const row = body.insertRow(); names.forEach(name => add(row, "td", name, short(one[name]))); });
+    scroll.className = "scroll"; scroll.tabIndex = 0; scroll.append(table);
+    if (rows.length > MOST) table.createCaption().textContent = `The first ${MOST} of ${rows.length} rows`;
+    part.querySelector(".scroll")?.remove();
+    part.append(scroll);
+    sortable(table);
+  };
+
   // Views by figure; whoever listens is told of each new one.
   const views = new Map(), listeners = [];
   const draw = figure => once(figure, async () => {
     const place = figure.querySelector(".drawing");
-    const spec = JSON.parse(await text(figure.querySelector(".packed")));
-    await library();
+    const [all] = await Promise.all([figures(), library()]), spec = all[figure.id];
+    for (const [name, table] of Object.entries(spec.datasets)) spec.datasets[name] = rowsOf(table);
     // As wide as the page leaves room, and no wider than the figure is meant to be by much.
     // What is hidden has no width yet: it gets that of what holds it.
     let holder = place;
@@ -57,14 +89,14 @@ const bayestissue = (() => {
       actions: { export: true, source: false, compiled: false, editor: false },
       ...(spec.usermeta || {}).embedOptions,
     });
-    const rows = Object.values(spec.datasets || {}).sort((a, b) => b.length - a.length)[0];
-    const button = document.createElement("button");
+    const longest = Object.values(spec.datasets).sort((a, b) => b.length - a.length)[0] || [];
+    const rows = () => spec.vconcat ? view.data("trace").map(row => ({ ...row })) : longest;
+    const part = figure.querySelector(".numbers"), button = document.createElement("button");
     button.type = "button"; button.textContent = "Download the numbers (CSV)"; button.className = "plain";
-    button.addEventListener("click", () => {
-      const current = spec.vconcat ? view.data("trace").map(row => ({ ...row })) : rows;
-      download(`${name}.csv`, current || []);
-    });
-    figure.querySelector(".numbers summary").after(button);
+    button.addEventListener("click", () => download(`${name}.csv`, rows()));
+    part.querySelector("summary").after(button);
+    part.addEventListener("toggle", () => { if (part.open) tabled(part, rows()); });
+    if (part.open) tabled(part, rows());
     views.set(figure, view);
     listeners.forEach(listen => listen(view, figure));
     return view;
@@ -92,7 +124,7 @@ const bayestissue = (() => {
   // A click on a heading sorts its table, the next one the other way; without a script tables keep their order.
   const number = cell => { const found = cell.replace(/\u2212/g, "-").replace(/(\d),(?=\d{3})/g, "$1").match(/-?\d+(\.\d+)?(e-?\d+)?/i); return found ? parseFloat(found[0]) : NaN; };
   const compare = (a, b, numeric) => { const [x, y] = numeric ? [number(a), number(b)] : [NaN, NaN]; return isNaN(x) || isNaN(y) ? (numeric ? isNaN(x) - isNaN(y) : 0) || a.localeCompare(b, undefined, { numeric: true }) : x - y; };
-  document.querySelectorAll("table").forEach(table => {
+  const sortable = table => {
     const body = table.tBodies[0], heads = table.tHead ? [...table.tHead.rows[0].cells] : [];
     if (!body || body.rows.length < 3) return;
     heads.forEach((head, column) => {
@@ -109,7 +141,8 @@ const bayestissue = (() => {
         body.append(...filled, ...empty);
       });
     });
-  });
+  };
+  document.querySelectorAll("table").forEach(sortable);
 
   // A printed page has no lids to lift; the numbers behind its figures stay in the file.
   const lids = "details:not([open]):not(.numbers)";
@@ -122,5 +155,5 @@ const bayestissue = (() => {
     });
   });
   addEventListener("afterprint", () => document.querySelectorAll("details[data-printed]").forEach(d => { d.open = false; delete d.dataset.printed; }));
-  return { unpacked, draw, onView, root };
+  return { unpacked, rowsOf, draw, onView, root };
 })();
