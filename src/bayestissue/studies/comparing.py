@@ -156,14 +156,13 @@ def _file(fit: Fit, name: str) -> Path:
 
 
 def _require_distinct(runs: Sequence[Path]) -> None:
-    first: dict[Path, Path] = {}
-    problems = []
-    for path in runs:
-        earlier = first.setdefault(path.resolve(), path)
-        if earlier is not path:
-            another = f"another run than {earlier}"
-            problems.append(_unfit(str(path), another, "Name each run once.", value="the same run"))
-    refuse(problems)
+    places = [path.resolve() for path in runs]
+    first = [runs[places.index(place)] for place in places]
+    refuse(
+        _unfit(str(path), f"another run than {earlier}", "Name each run once.", value="the same run")
+        for path, earlier in zip(runs, first, strict=True)
+        if earlier is not path
+    )
 
 
 def _require_same_data(fits: Mapping[str, Fit]) -> None:

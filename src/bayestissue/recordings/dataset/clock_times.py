@@ -38,8 +38,15 @@ def seconds(cells: pa.Array) -> tuple[Float64[np.ndarray, " row"], float] | None
     has_hours = bool(np.isfinite(hour).any())
     # Twelve o'clock is the hour 0 of each half.
     hour = np.where(np.isin(half, ["am", "pm"]), hour % 12 + 12 * (half == "pm"), hour)
-    time = (_HOUR_S * hour if has_hours else 0.0) + 60 * minute + second
-    return _unwrapped(time, DAY_S if has_hours else _HOUR_S)
+    time, period = (
+        (_HOUR_S * hour if has_hours else 0.0) + 60 * minute + second,
+        DAY_S if has_hours else _HOUR_S,
+    )
+    known = np.flatnonzero(np.isfinite(time))
+    start = float(time[known[0]])
+    turns = np.cumsum(np.diff(time[known], prepend=time[known[:1]]) < -period / 2)
+    time[known] += period * turns - start
+    return time, start
 
 
 def within_a_day(later: float) -> float:
@@ -55,11 +62,3 @@ def _numbers(cells: pa.Array) -> np.ndarray:
     plain = pc.replace_substring(cells, ",", ".")
     plain = pc.if_else(pc.equal(plain, ""), None, plain)
     return plain.cast(pa.float64()).to_numpy(zero_copy_only=False).astype(np.float64)
-
-
-def _unwrapped(time: np.ndarray, period: float) -> tuple[np.ndarray, float]:
-    known = np.flatnonzero(np.isfinite(time))
-    first = float(time[known[0]])
-    turns = np.cumsum(np.diff(time[known], prepend=time[known[:1]]) < -period / 2)
-    time[known] += period * turns - first
-    return time, first

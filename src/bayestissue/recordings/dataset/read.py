@@ -23,7 +23,7 @@ from bayestissue.recordings.dataset.left_out import LeftOut, read_left_out
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
 from bayestissue.recordings.dataset.recorders import read_recordings
-from bayestissue.recordings.dataset.recordings import Reading, Recordings, Windows, crop, with_limits
+from bayestissue.recordings.dataset.recordings import Reading, Recordings, crop, windows_of, with_limits
 from bayestissue.recordings.dataset.settings import FILE as SETTINGS
 from bayestissue.recordings.dataset.settings import (
     STANDARD_GRAVITY,
@@ -169,8 +169,7 @@ def _cropped(reading: Reading, signal: SignalSettings, impacts: pd.DataFrame) ->
 
     Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
     """
-    windows, names = Windows.stated(impacts, signal), impacts["impact"].tolist()
-    samples, outside = crop(reading.samples, windows, names)
+    samples, outside = crop(reading.samples, windows_of(impacts, signal), impacts["impact"].tolist())
     samples = with_limits(samples, signal.quantity, signal.limits_si)
     return replace(reading, samples=samples, problems=[*reading.problems, *outside])
 

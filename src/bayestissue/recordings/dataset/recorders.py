@@ -33,11 +33,11 @@ from bayestissue.recordings.dataset.impacts import ImpactTable
 from bayestissue.recordings.dataset.recordings import (
     Reading,
     Samples,
-    Windows,
     crop,
     in_seconds,
     in_si,
     numbers_in,
+    windows_of,
 )
 from bayestissue.recordings.dataset.settings import ChannelSettings, Settings, SignalSettings
 from bayestissue.recordings.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, read_table
@@ -185,7 +185,7 @@ def read_files(
     problems: list[Problem] = []
     pieces: list[Samples] = []
     names = impacts["impact"].tolist()
-    rates, windows = numbers_in(impacts, "sampling_rate_hz"), Windows.stated(impacts, signal)
+    rates, windows = numbers_in(impacts, "sampling_rate_hz"), windows_of(impacts, signal)
     taken: dict[Source, list[int]] = {}
     held: tuple[tuple[Source, str], Samples] | None = None
     size = 0
@@ -240,11 +240,11 @@ def _samples(recorded: Channel, rate: float, file: str, signal: SignalSettings) 
 
 
 def _require_apart(
-    source: Source, index: int, row: int, taken: dict[Source, list[int]], windows: Windows
+    source: Source, index: int, row: int, taken: dict[Source, list[int]], windows: np.ndarray
 ) -> None:
     """Refuse a recording, or a part of one, that an earlier impact has."""
-    start, stop, others = windows.start[index], windows.stop[index], taken.get(source, [])
-    if ((start < windows.stop[others]) & (windows.start[others] < stop)).any():
+    (start, stop), (starts, stops) = windows[:, index], windows[:, taken.get(source, [])]
+    if ((start < stops) & (starts < stop)).any():
         cropped = np.isfinite(start) or np.isfinite(stop)
         value = f"{source.label}, from {start:.6g} to {stop:.6g} s" if cropped else source.label
         raise InputError.stated("impacts-and-recordings.shared", "impacts.csv", row, "trace", value)

@@ -137,27 +137,18 @@ def numbers_in(impacts: pd.DataFrame, name: str) -> Float64[np.ndarray, " impact
     return np.asarray(impacts[name], dtype=np.float64)
 
 
-@dataclass(frozen=True, eq=False)
-class Windows:
-    """The times between which each impact is read, both included, on the recorder's clock.
+def windows_of(impacts: pd.DataFrame, signal: SignalSettings) -> Float64[np.ndarray, "2 impact"]:
+    """The times from which and to which each impact is read, both included, on the recorder's clock, s.
 
-    Attributes:
-        start: s; minus infinity where the recording is read from its beginning.
-        stop: s; infinity where it is read to its end.
+    What ``impacts.csv`` says; where a cell is empty, what ``signal.crop`` says, and else infinite.
     """
-
-    start: Float64[np.ndarray, " impact"]
-    stop: Float64[np.ndarray, " impact"]
-
-    @classmethod
-    def stated(cls, impacts: pd.DataFrame, signal: SignalSettings) -> Windows:
-        """What ``impacts.csv`` says; where a cell is empty, what ``signal.crop`` says."""
-        cells = (numbers_in(impacts, name) for name in CROP)
-        ends = zip(cells, ends_of(signal), strict=True)
-        return cls(*(np.where(np.isfinite(cell), cell, end) for cell, end in ends))
+    cells = np.stack([numbers_in(impacts, name) for name in CROP])
+    return np.where(np.isfinite(cells), cells, np.array(ends_of(signal))[:, None])
 
 
-def crop(samples: Samples, windows: Windows, names: list[str]) -> tuple[Samples, list[Problem]]:
+def crop(
+    samples: Samples, windows: Float64[np.ndarray, "2 impact"], names: list[str]
+) -> tuple[Samples, list[Problem]]:
     """The samples inside the windows, and what is wrong with impacts that have none there.
 
     A sample whose time is no number stays, to be found as such.
@@ -167,7 +158,7 @@ def crop(samples: Samples, windows: Windows, names: list[str]) -> tuple[Samples,
         windows: of all impacts.
         names: of all impacts.
     """
-    start, stop = windows.start[samples.impact], windows.stop[samples.impact]
+    start, stop = windows[:, samples.impact]
     before, after = (end[samples.owner] for end in (start, stop))
     keep = ~((samples.time_s < before) | (samples.time_s > after))
     problems, left = [], np.bincount(samples.owner[keep], minlength=len(samples))

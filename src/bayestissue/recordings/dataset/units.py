@@ -44,23 +44,8 @@ def to_si(unit: str, dimension: Dimension) -> float:
     """
     if (known := COMMON[dimension].get(unit.strip())) is not None:
         return known
-    return _by_definition(unit, dimension)
-
-
-def dimension_of(unit: str, dimensions: Iterable[Dimension] = EXAMPLES) -> Dimension | None:
-    """Which of ``dimensions`` a unit measures; None where it measures none of them."""
-    for dimension in dimensions:
-        with suppress(ValueError):
-            to_si(unit, dimension)
-            return dimension
-    return None
-
-
-def _by_definition(unit: str, dimension: Dimension) -> float:
     import pint
 
-    if dimension == "acceleration" and unit.strip() == "g":
-        unit = "g_0"
     if not unit.strip() or len(unit) > 40 or _ABSURD.search(unit):
         raise ValueError(f"{unit!r} is not a unit")
     try:
@@ -70,6 +55,15 @@ def _by_definition(unit: str, dimension: Dimension) -> float:
     except Exception as error:
         # The parser raises whatever its tokenizer and operators happen to raise on nonsense.
         raise ValueError(f"{unit!r} is not a unit") from error
+
+
+def dimension_of(unit: str, dimensions: Iterable[Dimension] = EXAMPLES) -> Dimension | None:
+    """Which of ``dimensions`` a unit measures; None where it measures none of them."""
+    for dimension in dimensions:
+        with suppress(ValueError):
+            to_si(unit, dimension)
+            return dimension
+    return None
 
 
 @cache

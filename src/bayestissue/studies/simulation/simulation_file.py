@@ -380,11 +380,9 @@ class Simulation(Table):
         """One row per condition: ``trial``, ``mass_kg``, ``velocity_m_s``."""
         if self.design.conditions is None:
             return published_conditions()
-        pairs = [condition.mass_and_velocity() for condition in self.design.conditions]
-        names = [condition.trial for condition in self.design.conditions]
-        table = pd.DataFrame(pairs, columns=["mass_kg", "velocity_m_s"]).assign(trial=names)
-        diameter = [condition.diameter_m for condition in self.design.conditions]
-        return table if None in diameter else table.assign(diameter_m=np.array(diameter, float))
+        rows = [(*one.mass_and_velocity(), one.trial, one.diameter_m) for one in self.design.conditions]
+        table = pd.DataFrame(rows, columns=["mass_kg", "velocity_m_s", "trial", "diameter_m"])
+        return table.dropna(axis="columns")
 
 
 def published_conditions() -> pd.DataFrame:

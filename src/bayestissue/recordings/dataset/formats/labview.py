@@ -182,7 +182,9 @@ class _Block:
                     expected, "Export with one header for each segment, or with an X column.", where
                 )
             samples = self.samples(lines)
-            begins = self._begins_again(samples) if len(samples) > greatest > 0 else []
+            clocks = samples[:, [name == "X_Value" for name in self.names]]
+            again = np.flatnonzero((np.diff(clocks, axis=0) <= 0).any(axis=1)) + 1
+            begins = again.tolist() if len(samples) > greatest > 0 else []
             for first, last in pairwise([0, *begins, len(samples)]):
                 rows = last - first
                 # The one header may be that of the first of many pieces, over all of which X_Value goes on.
@@ -194,11 +196,6 @@ class _Block:
                         f"{rows} rows where {greatest} are stated",
                     )
                 yield self._channels(samples[first:last], [] if several else stated, first_row + first)
-
-    def _begins_again(self, samples: np.ndarray) -> list[int]:
-        """The rows in which a column ``X_Value`` begins again."""
-        clocks = samples[:, [name == "X_Value" for name in self.names]]
-        return (np.flatnonzero((np.diff(clocks, axis=0) <= 0).any(axis=1)) + 1).tolist()
 
     def _channels(
         self, samples: Float64[np.ndarray, "row column"], stated: list[int], first_row: int

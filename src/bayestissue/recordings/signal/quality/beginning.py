@@ -39,19 +39,6 @@ type Moments = Float[np.ndarray, "account impact"]
 type Residuals = Float[np.ndarray, "*account impact block"]
 
 
-class Beginning(NamedTuple):
-    """What a recording says of its beginning.
-
-    Attributes:
-        missed: [impact], whether contact came before the first sample, or there is an offset.
-        longest: [impact], how long before the first sample contact may have come, where this can't be told
-            from contact there, s; else 0.
-    """
-
-    missed: Mask
-    longest: Column
-
-
 class _Blocks(NamedTuple):
     """Means over blocks of samples, [impact, block], in units of velocity and time to peak.
 
@@ -95,7 +82,9 @@ def _hertz(y: State) -> Terms:
 _LAWS: tuple[Law, ...] = (_stiffening, _in_series, _hertz)
 
 
-def beginning(recorded: Recorded, signal: Displacements, chosen: Mask, uncertainty: Uncertainty) -> Beginning:
+def beginning(
+    recorded: Recorded, signal: Displacements, chosen: Mask, uncertainty: Uncertainty
+) -> tuple[Mask, Column]:
     """What the recordings say of their beginnings.
 
     Args:
@@ -103,10 +92,14 @@ def beginning(recorded: Recorded, signal: Displacements, chosen: Mask, uncertain
         signal: what is made of them, over the rebound.
         chosen: which are asked: those that begin above zero.
         uncertainty: of the velocity, of the recorder's gain, which is one of velocity to it, and of its zero.
+
+    Returns:
+        Whether contact came before the first sample, or there is an offset; and how long before the first
+        sample contact may have come, where this can't be told from contact there, s, else 0.
     """
     missed, longest, rows = np.zeros_like(chosen), np.zeros(len(chosen)), np.flatnonzero(chosen)
     if not rows.size:
-        return Beginning(missed, longest)
+        return missed, longest
     blocks = _blocks(recorded, signal, rows, uncertainty)
     least = np.maximum(BEGINNING.intervals * blocks.interval, BEGINNING.share)
     most = np.maximum(BEGINNING.longest, 2 * least)
@@ -126,7 +119,7 @@ def beginning(recorded: Recorded, signal: Displacements, chosen: Mask, uncertain
     missed[rows] = unexplained
     possible = np.where(~unexplained & (of_early < contact + BEGINNING.likely), early, 0).max(axis=0)
     longest[rows] = possible * signal.time_to_peak[rows]
-    return Beginning(missed, longest)
+    return missed, longest
 
 
 def _blocks(recorded: Recorded, signal: Displacements, rows: Index, uncertainty: Uncertainty) -> _Blocks:
