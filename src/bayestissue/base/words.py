@@ -7,7 +7,7 @@ nouns in their place when a page, a paper or a message is finished, with the art
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -47,16 +47,11 @@ class Words:
 
     @cached_property
     def _replacements(self) -> dict[str, str]:
-        return dict(self._pairs())
-
-    def _pairs(self) -> Iterator[tuple[str, str]]:
-        for key, (one, several) in NOUNS.items():
-            if key in self.nouns:
-                noun = self.nouns[key]
-                yield one, noun
-                yield several, self.nouns.get(f"{key}s", f"{noun}s")
-        if "subject" in self.nouns:
-            yield "persons", self.nouns.get("subjects", f"{self.nouns['subject']}s")
+        stated: dict[str, str] = {}
+        for key in [key for key in NOUNS if key in self.nouns]:
+            one, several = NOUNS[key]
+            stated |= {one: self.nouns[key], several: self.nouns.get(f"{key}s", f"{self.nouns[key]}s")}
+        return stated | ({"persons": stated["people"]} if "people" in stated else {})
 
     @cached_property
     def _pattern(self) -> re.Pattern[str] | None:

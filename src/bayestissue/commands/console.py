@@ -186,14 +186,10 @@ class Stages:
             self._began, self._done_before = now, done
         if now >= self._silent_until and (other_words or new or now - self._spoke > self.interval_s):
             self._spoke = now
-            count = f": {done} of {total}{self._remaining(now, done, total)}" if total > 1 else ""
+            count, since = f": {done} of {total}" if total > 1 else "", done - self._done_before
+            if count and self._done_before and since > 0:
+                count += f", about {(now - self._began) / since * (total - done):.0f} s left"
             print(f"{stage}{count}", file=sys.stderr, flush=True)  # noqa: T201
-
-    def _remaining(self, now: float, done: int, total: int) -> str:
-        since = done - self._done_before
-        if not self._done_before or since <= 0:
-            return ""
-        return f", about {(now - self._began) / since * (total - done):.0f} s left"
 
     def _finish_bar(self) -> None:
         if self._bars is not None and self._task is not None:

@@ -161,11 +161,6 @@ class TextTable:
     delimiter: str
     clock: tuple[float, float] | None = None
 
-    @property
-    def empty(self) -> bool:
-        """Whether there is nothing below the names."""
-        return re.search(rb"\S", self.body) is None
-
 
 @dataclass(frozen=True)
 class _Record:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -83,7 +84,7 @@ def _parse_text(
     """The columns of a text; where it need not be ``whole``, a row may end before the last of them."""
     wanted = [*labels, *numbers]
     refuse(column_problems(label, text.names, wanted, text.dialect.header_row, stated=True))
-    if text.empty:
+    if re.search(rb"\S", text.body) is None:
         raise InputError(_no_rows(label))
     lines = int(np.count_nonzero(np.frombuffer(text.body, np.uint8) == ord("\n")))
     require_small(8 * lines * len(wanted), label)

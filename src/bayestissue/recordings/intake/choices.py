@@ -325,8 +325,8 @@ def _values_among(channels: Mapping[str, Sequence[ChannelSummary]], time: str | 
 
 
 def _rising_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]:
-    """The names of those whose values never fall."""
-    return [name for name, summaries in channels.items() if all(channel.rising for channel in summaries)]
+    """The names of those whose values rise evenly in every file, as times do."""
+    return [name for name, files in channels.items() if all(one.steps and one.steps.rises for one in files)]
 
 
 def _time(channels: Mapping[str, Sequence[ChannelSummary]], channel: str | None) -> str | Question:

@@ -80,11 +80,6 @@ class ChannelSummary:
     clock: bool
     steps: Steps | None
 
-    @property
-    def rising(self) -> bool:
-        """Whether its values rise evenly, as times do."""
-        return self.steps is not None and self.steps.rises
-
 
 @dataclass(frozen=True)
 class File:

@@ -49,11 +49,6 @@ class Recorded(PaddedTraces):
         """Degrees of freedom of ``sd``, about."""
         return np.maximum(PULSE.worth * self.inside.sum(axis=1), 1)
 
-    @property
-    def quiet(self) -> Mask:
-        """Both rests."""
-        return self.before | self.after
-
     @classmethod
     def from_recordings(cls, recordings: PaddedTraces) -> Recorded:
         """Find pulse and rests by a running median, whatever the noise and whatever stands beside it."""
@@ -303,7 +298,7 @@ def hum(recorded: Recorded, chosen: Mask) -> Column:
     """The frequency of a sine through both rests, Hz, where it leaves less than a line does; else NaN."""
     frequency, frequencies = np.full(len(recorded.dt), np.nan), np.arange(*SAMPLES.hum_hz)
     for which in np.flatnonzero(chosen):
-        index = np.flatnonzero(recorded.quiet[which])
+        index = np.flatnonzero(recorded.before[which] | recorded.after[which])
         time = recorded.time_s[which, index]
         values = recorded.value[which, index]
         line = _sum_of_squares(values, time)
