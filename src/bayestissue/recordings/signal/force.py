@@ -23,16 +23,22 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.dataset.settings import ChannelSettings, LowPassFilter
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES, Displacements
 from bayestissue.recordings.signal.filters import on_even_grid
 from bayestissue.recordings.signal.integration import trapezoids
-from bayestissue.recordings.signal.traces import PaddedTraces, segment_moments, stack
-
-type Times = Float[np.ndarray, "impact sample"]
+from bayestissue.recordings.signal.traces import (
+    Column,
+    Index,
+    Mask,
+    PaddedTraces,
+    Rows,
+    segment_moments,
+    stack,
+)
 
 # The slope is taken over so much of the time to zero velocity on either side: a curve's error is then 0.4 %.
 _REACH = 0.1
@@ -76,17 +82,17 @@ class Force:
     """
 
     channel: ChannelSettings
-    since_contact: Float[np.ndarray, "impact sample"]
-    value: Float[np.ndarray, "impact sample"]
-    expected: Float[np.ndarray, "impact sample"]
-    inside: Bool[np.ndarray, "impact sample"]
-    ratio: Float[np.ndarray, " impact"]
-    ratio_sd: Float[np.ndarray, " impact"]
-    lag: Float[np.ndarray, " impact"]
-    lag_sd: Float[np.ndarray, " impact"]
-    dt: Float[np.ndarray, " impact"]
+    since_contact: Rows
+    value: Rows
+    expected: Rows
+    inside: Mask
+    ratio: Column
+    ratio_sd: Column
+    lag: Column
+    lag_sd: Column
+    dt: Column
     declared_sd: float
-    mass: Float[np.ndarray, " impact"]
+    mass: Column
     corner_hz: float = 0.0
     impulse: bool = False
 
@@ -205,7 +211,7 @@ def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements)
     steps = np.diff(times, axis=1) * force.inside[:, 1:]
     samples, row = force.ragged(times, trapezoids(above, steps)), np.arange(len(times))[:, None]
 
-    def impulse(at: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
+    def impulse(at: Rows) -> Rows:
         return samples.interpolated(at, row)
 
     V = np.where(np.isfinite(signal.velocity), signal.velocity, signal.v[:, 0])[:, None]
@@ -270,12 +276,12 @@ class _Matched:
         whole: which impacts have samples enough.
     """
 
-    ratio: Float[np.ndarray, " impact"]
-    ratio_sd: Float[np.ndarray, " impact"]
-    lag: Float[np.ndarray, " impact"]
-    lag_sd: Float[np.ndarray, " impact"]
-    zero: Float[np.ndarray, " impact"]
-    left: Float[np.ndarray, " impact"]
+    ratio: Column
+    ratio_sd: Column
+    lag: Column
+    lag_sd: Column
+    zero: Column
+    left: Column
     whole: Bool[np.ndarray, " impact"]
 
 
@@ -298,7 +304,7 @@ class _Beside:
         self.usable = force.inside & ~force.at_limit
         self.inside = self.usable & self.curve.covers(self.since_contact)
 
-    def matched(self, since_contact: Times) -> _Matched:
+    def matched(self, since_contact: Rows) -> _Matched:
         """What least squares make of samples at these times, by Newton's iteration from no lag."""
         curve = self.curve
         inside = self.usable & curve.covers(since_contact)
@@ -319,7 +325,7 @@ class _Beside:
             lag = np.clip(lag + np.nan_to_num(moved / ratio), -curve.reach[:, 0], curve.reach[:, 0])
         return _Matched(ratio, ratio_sd, lag, moved_sd / np.abs(ratio), zero, left, whole)
 
-    def most_alike(self) -> Float[np.ndarray, " impact"]:
+    def most_alike(self) -> Column:
         """By what the force is behind where its correlation with the expected one has it [s]."""
         shifts = self.curve.reach / _REACH * np.arange(-_FARTHEST, _FARTHEST + _STEP, _STEP)
         counts, alike = [], []
@@ -398,15 +404,15 @@ class _Expected:
         self._begin = np.maximum(-signal.time_to_peak[:, None], first + 2 * self.reach)
         self._end = np.minimum(_AFTER * signal.time_to_peak[:, None], last - 2 * self.reach)
 
-    def covers(self, times: Float[np.ndarray, "impact sample"]) -> Bool[np.ndarray, "impact sample"]:
+    def covers(self, times: Rows) -> Mask:
         """Which times are near the impact, and far enough from the ends of the recording for a slope."""
         return (times > self._begin) & (times < self._end)
 
-    def at(self, times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
+    def at(self, times: Rows) -> Rows:
         """The force at these times, linear between samples."""
         return self.mass * self._samples.interpolated(times, np.arange(len(times))[:, None])
 
-    def slope(self, times: Float[np.ndarray, "impact sample"]) -> Float[np.ndarray, "impact sample"]:
+    def slope(self, times: Rows) -> Rows:
         """Its derivative [N/s], by a central difference."""
         return (self.at(times + self.reach) - self.at(times - self.reach)) / (2 * self.reach)
 
@@ -425,9 +431,7 @@ def _passed(
     return replace(recorded, value=np.where(recorded.inside, above + zero, 0.0))
 
 
-def _first_mean(
-    recorded: PaddedTraces, contact_time_s: Float[np.ndarray, " impact"]
-) -> Float[np.ndarray, "impact 1"]:
+def _first_mean(recorded: PaddedTraces, contact_time_s: Column) -> Float[np.ndarray, "impact 1"]:
     """The mean before contact; the first sample where there is none."""
     quiet = np.maximum(np.floor((contact_time_s - recorded.start) / recorded.dt).astype(int), 1)
     return segment_moments(recorded.value, quiet)[0][:, None]
@@ -435,9 +439,9 @@ def _first_mean(
 
 def _least_squares(
     columns: Float[np.ndarray, "impact sample column"],
-    values: Float[np.ndarray, "impact sample"],
-    count: Int[np.ndarray, " impact"],
-    noise: Float[np.ndarray, " impact"],
+    values: Rows,
+    count: Index,
+    noise: Column,
     known: Bool[np.ndarray, " impact"],
 ) -> tuple[Float[np.ndarray, "column impact"], Float[np.ndarray, "column impact"], np.ndarray]:
     """Coefficients of every impact and their errors, NaN where not ``known``; and the sum of squares left.
@@ -459,7 +463,7 @@ def _least_squares(
     return of_known, of_sd, left
 
 
-def _median(values: Float[np.ndarray, " impact"], sd: Float[np.ndarray, " impact"]) -> tuple[float, float]:
+def _median(values: Column, sd: Column) -> tuple[float, float]:
     """The median of known values, and its standard error: as they scatter, or of the only one."""
     known = np.isfinite(values)
     if not known.any():
