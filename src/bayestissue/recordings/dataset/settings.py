@@ -17,7 +17,6 @@ from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
     ValidationInfo,
-    field_validator,
     model_serializer,
     model_validator,
 )
@@ -66,10 +65,13 @@ def _fraction(value: float) -> float:
     return value
 
 
-def _measuring(unit: str, dimension: Dimension | None, message: LiteralString) -> str:
-    """A unit that measures the ``dimension``; where none is known, any."""
+def _measuring(unit: str, info: ValidationInfo) -> str:
+    """A unit of time, or of the quantity; where that is not known, any."""
+    of_quantity = (DIMENSIONS | CHANNEL_DIMENSIONS).get(info.data.get("quantity", ""))
+    dimension = "time" if info.field_name == "time_unit" else of_quantity
     if dimension and dimension_of(unit, [dimension]) is None:
-        raise PydanticCustomError(message, "{expected}", {"expected": EXAMPLES[dimension]})
+        key: LiteralString = "unit.channel" if dimension == "force" else "unit.unknown"
+        raise PydanticCustomError(key, "{expected}", {"expected": EXAMPLES[dimension]})
     return unit
 
 
@@ -84,6 +86,7 @@ _ON_ONE_LINE = only(
 )
 _TABLES = (".csv", ".csv.gz", ".xlsx", ".parquet")
 Name = Annotated[str, Field(min_length=1)]
+Unit = Annotated[Name, AfterValidator(_measuring)]
 ShortName = Annotated[Name, Field(max_length=40), _ON_ONE_LINE]
 Noun = Annotated[ShortName, only(lambda text: set(text).isdisjoint('<>&"'), 'a noun without < > & and "')]
 TableName = Annotated[
@@ -154,10 +157,10 @@ class SignalSettings(Stated):
     """
 
     quantity: Quantity
-    unit: Name
+    unit: Unit
     value_column: Name = "value"
     time_column: Name = "time_s"
-    time_unit: Name = "s"
+    time_unit: Unit = "s"
     scale: Factor = 1.0
     offset: Finite = 0.0
     limit: Limit | None = None
@@ -165,12 +168,6 @@ class SignalSettings(Stated):
     zero: Zero = "free_fall"
     contact: Contact | None = None
     crop: Stretch | None = None
-
-    @field_validator("unit", "time_unit")
-    @classmethod
-    def _measures(cls, unit: str, info: ValidationInfo) -> str:
-        of_values = DIMENSIONS.get(info.data.get("quantity", ""))
-        return _measuring(unit, of_values if info.field_name == "unit" else "time", "unit.unknown")
 
     @property
     def dimension(self) -> Dimension:
@@ -296,7 +293,7 @@ class ChannelSettings(_Table):
     name: ShortName
     quantity: ChannelQuantity
     place: Place
-    unit: Name
+    unit: Unit
     file: TableName | None = None
     value_column: Name | None = None
     time_column: Name | None = None
@@ -307,11 +304,6 @@ class ChannelSettings(_Table):
     relative_gain_sd: Fraction = 0.0
     tip_mass_kg: Spread = 0.0
     recorder: LowPassFilter | None = None
-
-    @field_validator("unit")
-    @classmethod
-    def _measures(cls, unit: str, info: ValidationInfo) -> str:
-        return _measuring(unit, CHANNEL_DIMENSIONS.get(info.data.get("quantity", "")), "unit.channel")
 
     def contradictions(self) -> Iterator[str]:
         """Its values must stand somewhere, and a tip be before its sensor."""
