@@ -127,3 +127,10 @@ test_a_dataset_is_read_back = settings(FEW, max_examples=10)(given(drawn_setting
 test_a_dataset_is_read_back_of_many = pytest.mark.slow(
     settings(MANY, max_examples=1000)(given(drawn_settings())(dataset_is_read_back))
 )
+
+
+def test_a_dataset_without_a_further_channel_says_nothing_of_any():
+    stated = parse_settings(
+        {"name": "one", "signal": {"quantity": "deceleration", "unit": "g"}, "channel": []}
+    )
+    assert "channel" not in settings_text(stated.stated())

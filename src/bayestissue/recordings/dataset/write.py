@@ -92,7 +92,7 @@ def settings_text(settings: dict[str, Any]) -> str:
     # Tables stand behind single keys, and lists of tables last.
     for kind in (str, dict, list | tuple):
         for key in Settings.model_fields:
-            if key in settings and isinstance(settings[key], kind):
+            if isinstance(settings.get(key), kind) and settings[key] not in ([], ()):
                 # Among the keys of [signal] those of how texts are written are the last.
                 order = sorted(allowed_keys(Settings, [key]), key=lambda name: name in Stated.model_fields)
                 table = settings[key]
