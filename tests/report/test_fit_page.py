@@ -70,7 +70,7 @@ def test_the_first_screen_has_two_pictures_of_k_and_of_c_each_with_its_sentence(
     assert [len(sentences(html, q)) for q in "KC"] == [2, 2]
     assert "Diagnostics passed." in first
     # One click below.
-    assert re.search(r"90 % intervals that hold the true value ?\d+ of 12 ?\d+ of 12", plain(first))
+    assert re.search(r"90\s% intervals that hold the true value ?\d+ of 12 ?\d+ of 12", plain(first))
 
 
 def test_a_trend_that_only_the_thesis_method_shows_is_called_its_making(html):

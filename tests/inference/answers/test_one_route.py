@@ -210,10 +210,6 @@ def page_agrees(made: Made, table: pd.DataFrame) -> None:
     interactions = {one["what"] for one in first if one["kind"] == INTERACTION}
     assert len(interactions) == min(2, len({*table[table["kind"] == INTERACTION]["level"]} and interactions))
     assert bool(interactions) == bool((table["kind"] == INTERACTION).any())
-    for one in first:
-        for level, q, _, shown in one["levels"]:
-            factor = table[table["level"].eq(level) | table["against"].eq(level)]["factor"].iloc[0]
-            assert shown.median == pytest.approx(np.median(made.asked(written(q, {factor: level}))))
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, FEW))])

@@ -108,6 +108,7 @@ def scatter(rows: pd.DataFrame, x: str, y: str, words: str, names: Mapping[str, 
         column,
         title,
         scale={"zero": False, "nice": False, "padding": 8} if x == "order" else scale_over(rows[column]),
+        **({"axis": {"tickMinStep": 1}} if x == "order" else {}),
     )
     Y = number(
         COLUMNS[y],

@@ -9,7 +9,6 @@ from bayestissue.inference.results.meanings import UNITS
 from bayestissue.reports.pages.fit.estimates import (
     apparent_exponent,
     dds_ratio,
-    held_by_intervals,
     mass_varies,
 )
 from bayestissue.reports.pages.fit.population import differing_words
@@ -32,7 +31,6 @@ from bayestissue.reports.pages.posterior import (
     sureness,
 )
 from bayestissue.reports.pages.settings import LIMITS, WORTH
-from bayestissue.reports.pages.tables import Row, Table, columns
 from bayestissue.reports.pages.wording import Spread, listed, percent, relative, significant
 
 
@@ -99,9 +97,10 @@ def level_of(run: FitRun, quantity: str) -> Levels:
 
 def compared(run: FitRun, quantity: str) -> list[tuple[str, str]]:
     """Whose K (or C) the first picture has: dimensions, people the last, each with its variable."""
-    dimensions = [*dict.fromkeys(run.levels["factor"])][: LIMITS.comparisons]
-    dimensions += ["subject"] * (run.people_count > 1)
-    return [(name, variable) for name in dimensions if (variable := run.of_levels(quantity, str(name)))]
+    factors = [*run.levels["factor"], *(one["factor"] for one in first_contrasts(run))]
+    people = ["subject"] * (run.people_count > 1)
+    dimensions = [*[*dict.fromkeys(factors)][: LIMITS.comparisons], *people]
+    return [(name, variable) for name in dimensions if (variable := run.of_levels(quantity, name))]
 
 
 def who_sentence(run: FitRun, quantity: str) -> str:
@@ -110,10 +109,12 @@ def who_sentence(run: FitRun, quantity: str) -> str:
     if len(run.impacts) == 1:
         own = run.estimates_by_method[quantity][["median", "eti90_low", "eti90_high"]].to_numpy()[0]
         return worded("fit", "who_alone", level, Spread(*own))
+    shaded = bool(compared(run, quantity))
     for contrast in first_contrasts(run):
         if level.quantity in contrast["rows"]:
-            return worded("fit", "who_differs", level, words, contrast, percent(equivalence(run)), SURE)
-    return worded("fit", "who", level, words, bool(compared(run, quantity)))
+            near = percent(equivalence(run))
+            return worded("fit", "who_differs", level, words, contrast, near, (SURE, shaded))
+    return worded("fit", "who", level, words, shaded)
 
 
 def scatter_sentence(run: FitRun, quantity: str) -> str:
@@ -128,31 +129,8 @@ def mass_sentence(run: FitRun, quantity: str) -> str:
     exponents = (exponent(run, which), apparent_exponent(run, quantity))
     probabilities = [hypothesis_probability(run, which, name) for name in (FIXED, CONSTANT)]
     what = f"K at {depth_words(run)}" if which == COMMON_DEPTH else run.symbols[quantity]
-    made = _made_by_method(run, quantity)
+    made = made_by_method(run, quantity)
     return worded("fit", "mass_at_once", what, exponents, probabilities, made, SURE)
-
-
-def more_table(run: FitRun) -> Table:
-    """For K and for C: how well an impact is known, and how people, conditions and impacts differ."""
-    rows = {
-        "one recorded impact: half its 90 % interval (median)": [impact_sureness(run, q) for q in QUANTITIES]
-    }
-    of_all = sureness(run)
-    if len(run.impacts) > 1:
-        between = {"subject": "people", "trial": "conditions", "impact": "impacts"}
-        rows |= {
-            f"spread between {one}": [row.get(key, "") for row in of_all] for key, one in between.items()
-        }
-    if first_contrasts(run):
-        typical = [f"{one.typical.value} {one.unit} ({one.typical.range})" for one in levels(run)]
-        rows = {person_words(run)["typical"]: typical} | rows
-    held = held_by_intervals(run).query("level == 90")
-    if len(held):
-        counted = [f"{row.held} of {row.impacts}" for row in held.itertuples()]
-        rows["simulated data: 90 % intervals that hold the true value"] = counted
-    known = {what: values for what, values in rows.items() if any(values)}
-    titles = ("", *run.symbols.values())
-    return Table(columns(*titles, words=titles[:1]), [Row((what, *values)) for what, values in known.items()])
 
 
 def secant_sentence(run: FitRun) -> str:
@@ -209,13 +187,8 @@ def mass_conclusion(run: FitRun) -> str:
     return f"{typical} {differing_words(run)}".strip()
 
 
-def blame_sentence(run: FitRun) -> str:
-    """Of which quantities the thesis's method makes a trend over the mass; empty where of none."""
-    made: list[str] = [q for q in QUANTITIES if _made_by_method(run, q)]
-    return f"The trend of {listed(made)} over the mass is made by the method." if made else ""
-
-
-def _made_by_method(run: FitRun, quantity: str) -> bool:
+def made_by_method(run: FitRun, quantity: str) -> bool:
+    """Whether the thesis's method makes a trend of K (or C) over the mass that the tissue does not have."""
     # The thesis's K is force over depth too, and no common depth's.
     name = OWN_DEPTH if quantity == "K" and exponent(run, OWN_DEPTH) is not None else quantity
     apparent, beta = apparent_exponent(run, quantity), exponent(run, name)

@@ -71,13 +71,11 @@ def who(run: FitRun, quantity: str = "K") -> Figure:
     parts = [quantiles(drawn[:, None], ["these impacts" if level.these else typical])]
     for dimension, variable in answers.compared(run, quantity):
         draws, labels = run.draws(variable), run.labels(dimension)
-        people = dimension == "subject"
-        named = (
-            with_ranks(draws, labels)
-            if people
-            else quantiles(draws, [f"{dimension} {one}" for one in labels])
-        )
-        parts.append(named)
+        if dimension == "subject":
+            parts.append(with_ranks(draws, labels))
+        else:
+            what = group_words(dimension)[0] if dimension == "trial" else dimension
+            parts.append(quantiles(draws, [f"{what} {label}" for label in labels]))
     if alone := len(run.impacts) == 1:
         parts = [run.estimates_by_method[quantity][list(ENDS)].assign(label="this impact")]
     rows = pd.concat(parts, ignore_index=True)

@@ -16,6 +16,7 @@ from bayestissue.mechanics.elements.outcomes import DECLARED
 from bayestissue.reports.figures import outcomes as drawn
 from bayestissue.reports.figures.intervals import intervals
 from bayestissue.reports.figures.theme import Figure, number
+from bayestissue.reports.pages.fit.answers import person_words
 from bayestissue.reports.pages.fit.estimates import evenly_spaced
 from bayestissue.reports.pages.fit.run import FitRun
 from bayestissue.reports.pages.fit.sentences import said
@@ -144,19 +145,15 @@ def loops(run: FitRun, factor: str = "") -> Figure:
     table = pd.DataFrame(
         {
             "panel": [titles[pair] for pair in pairs],
-            "level": rows["level"].replace("", _typical(run)).to_numpy(),
+            "level": rows["level"].replace("", person_words(run)["typical"]).to_numpy(),
             "branch": rows["branch"].to_numpy(),
             "depth_mm": 1e3 * rows["depth_m"].to_numpy(),
             "force_N": rows["force_N"].to_numpy(),
         }
     )
-    words = said("figures.loops", of=f"each {factor}" if factor else f"a {_typical(run)}")
+    words = said("figures.loops", of=f"each {factor}" if factor else f"a {person_words(run)['typical']}")
     levels = list(dict.fromkeys(table["level"]))
     return drawn.loops(table, _recorded(run, factor, titles), list(titles.values()), levels, words)
-
-
-def _typical(run: FitRun) -> str:
-    return "this person" if run.people_count == 1 else "typical person"
 
 
 def _motion(run: FitRun, mass: float, velocity: float) -> str:
@@ -182,7 +179,7 @@ def _recorded(run: FitRun, factor: str, titles: dict[tuple[float, float], str]) 
         known = known[evenly_spaced(len(known), LIMITS.loop_samples)]
         one = {
             "panel": names[int(distance[row].argmin())],
-            "level": str(table[factor].iloc[row]) if factor else _typical(run),
+            "level": str(table[factor].iloc[row]) if factor else person_words(run)["typical"],
             "impact": run.impacts[row],
             "order": np.arange(len(known)),
             "depth_mm": 1e3 * depth[known],

@@ -15,7 +15,6 @@ from bayestissue.inference.results.meanings import (
     MOSTLY,
     REPEATS,
     SEM,
-    UNITS,
     outcome_name,
 )
 from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
@@ -24,7 +23,7 @@ from bayestissue.reports.pages.fit.population import groupings
 from bayestissue.reports.pages.fit.run import FitRun
 from bayestissue.reports.pages.fit.sentences import said
 from bayestissue.reports.pages.page import worded
-from bayestissue.reports.pages.posterior import QUANTITIES, spread
+from bayestissue.reports.pages.posterior import QUANTITIES
 from bayestissue.reports.pages.settings import LIMITS
 from bayestissue.reports.pages.tables import Field, Row, Table, columns, shown, table_of
 from bayestissue.reports.pages.wording import (
@@ -75,7 +74,7 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
                 "what": contrast_name(kind, str(factor), str(level), str(against)),
                 "kind": kind,
                 "rows": {row["quantity"]: row for row in shown},
-                "levels": _level_values(run, str(factor), (str(level), str(against))),
+                "factor": str(factor),
                 "ratios": [(row["quantity"], _spread(row, "ratio")) for row in shown],
                 "outcomes": in_outcomes,
                 "first_outcome": in_outcomes[:1],
@@ -118,18 +117,6 @@ def _note_words(shown: list[dict[Any, Any]]) -> list[str]:
         if row["note"]
     ]
     return notes[:1]
-
-
-def _level_values(run: FitRun, factor: str, levels: tuple[str, str]) -> list[tuple[str, str, str, Spread]]:
-    """K and C of a typical person at the two levels, each with its unit; of none where the run has none."""
-    values = []
-    for level in levels:
-        for q in QUANTITIES:
-            name = run.of_levels(q, factor)
-            if name and level in (labels := run.labels(factor)):
-                drawn = run.draws(name)[:, labels.index(level)]
-                values.append((level, str(q), UNITS[q], spread(drawn)))
-    return values
 
 
 def equivalence(run: FitRun) -> float:
