@@ -201,9 +201,10 @@ def decoded(
     Raises:
         InputError: whatever failed. A decoder may be another language's and panic, which is no `Exception`.
     """
+    passed: tuple[type[BaseException], ...] = (InputError, KeyboardInterrupt, SystemExit, *spared)
     try:
         yield
-    except (InputError, KeyboardInterrupt, SystemExit, *spared):
+    except passed:
         raise
     except BaseException as error:
         raise InputError.stated(f"damaged-file.{kind}", label, value=error_line(error), **words) from error

@@ -73,7 +73,7 @@ class Traces(Sequence[Trace]):
     time_s: Float64[np.ndarray, " sample"]
     value: Float64[np.ndarray, " sample"]
     start: Int[np.ndarray, " impact+1"]
-    clipped: Int8[np.ndarray, " sample"] = field(default=None, kw_only=True)  # type: ignore[assignment]
+    clipped: Int8[np.ndarray, " sample"] = field(default=None, kw_only=True)  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
         if self.clipped is None:

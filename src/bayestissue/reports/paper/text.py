@@ -16,7 +16,7 @@ from bayestissue.base.words import PLAIN, Words
 from bayestissue.inference.answers.contrasts import INTERACTION
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import findings
-from bayestissue.inference.results.meanings import TOGETHER, meaning, outcome_name
+from bayestissue.inference.results.meanings import TOGETHER, UNITS, meaning, outcome_name
 from bayestissue.mechanics.elements.outcomes import DECLARED
 from bayestissue.reports.pages.answers_page import question_lines
 from bayestissue.reports.pages.fit import answers, outcomes, study, words
@@ -168,7 +168,8 @@ def _without_commands(words: str) -> str:
 
 def _levels(run: FitRun) -> str:
     if len(run.impacts) == 1:
-        parts = [f"{q} {s.value} {unit} ({s.range})" for q, unit, s in answers.the_only_impact(run)]
+        own = {name: answers.only_impact(run, name) for name in QUANTITIES}
+        parts = [f"{name} {one.value} {UNITS[name]} ({one.range})" for name, one in own.items()]
         return f"Of this impact: {listed(parts)}."
     who = answers.person_words(run) | {"whose": _typical(run)}
     return worded("methods", "estimates", levels(run), who, meaning(TOGETHER).level)

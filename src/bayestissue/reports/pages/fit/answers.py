@@ -95,6 +95,12 @@ def level_of(run: FitRun, quantity: str) -> Levels:
     return levels(run)[QUANTITIES.index(quantity)]
 
 
+def only_impact(run: FitRun, quantity: str) -> Spread:
+    """K (or C) of the impact of a run that has one."""
+    ends = ["median", "eti90_low", "eti90_high"]
+    return Spread(*run.estimates_by_method[quantity][ends].to_numpy()[0])
+
+
 def compared(run: FitRun, quantity: str) -> list[tuple[str, str]]:
     """Whose K (or C) the first picture has: dimensions, people the last, each with its variable."""
     factors = [*run.levels["factor"], *(one["factor"] for one in first_contrasts(run))]
@@ -107,8 +113,7 @@ def who_sentence(run: FitRun, quantity: str) -> str:
     """What differs, or else K (or C) of a typical and of a new person; of one impact its own K."""
     level, words = level_of(run, quantity), person_words(run)
     if len(run.impacts) == 1:
-        own = run.estimates_by_method[quantity][["median", "eti90_low", "eti90_high"]].to_numpy()[0]
-        return worded("fit", "who_alone", level, Spread(*own))
+        return worded("fit", "who_alone", level, only_impact(run, quantity))
     shaded = bool(compared(run, quantity))
     for contrast in first_contrasts(run):
         if level.quantity in contrast["rows"]:

@@ -87,5 +87,5 @@ def _differences(numbers: np.ndarray) -> bytes:
 
     The lowest bit is the sign, so that the high bytes are mostly 0, which packs well.
     """
-    added = np.diff(numbers.astype(np.int32), prepend=0)
+    added: np.ndarray = np.diff(numbers.astype(np.int32), prepend=0)
     return ((added << 1) ^ (added >> 31)).astype("<u2").view(np.uint8).reshape(-1, 2).T.tobytes()
