@@ -300,3 +300,9 @@ def test_one_person_is_this_one(monkeypatch):
     assert said.startswith("Of this person K was 2000 N/m (1900 to 2100). Of a new impact")
     said = text._levels(SimpleNamespace(impacts=[1, 2], people_count=2))
     assert said.startswith("Of a typical person K was 2000 N/m (1900 to 2100). Of a new person")
+
+
+def test_one_impact_has_its_own_k_and_c():
+    rows = pd.DataFrame({"median": [2000.0], "eti90_low": [1900.0], "eti90_high": [2100.0]})
+    run = SimpleNamespace(impacts=["a"], estimates_by_method={"K": rows, "C": rows / 100})
+    assert text._levels(run) == "Of this impact: K 2000 N/m (1900 to 2100) and C 20.0 N s/m (19.0 to 21.0)."
