@@ -46,21 +46,29 @@ def test_every_figure_says_what_it_shows(page):
     assert page.unnamed == 0
 
 
-def test_the_first_screen_answers_the_three_questions_with_numbers(html):
+def test_the_first_screen_begins_with_what_was_found_and_doubts_k_and_c_last(html):
     first = first_screen(html)
-    for question in ("What are K and C?", "How sure is that?", "Is the growth with mass real?"):
-        assert question in first
-    assert re.search(r"K = \d+\.\d+ N/m", first)
-    assert re.search(r"K ∝ M<sup>0\.9\d+</sup>", first)
-    assert "Diagnostics passed." in first
+    found = re.search(r"K repeats the mass: K ∝ M<sup>0\.9\d+</sup>", first)
+    picture, audit = first.index('data-name="K-over-mass"'), first.index("What the audit found")
+    doubt, values = first.index("The audit doubts that they do."), re.search(r"K = \d+\.\d+ N/m", first)
+    assert found.start() < picture < audit < doubt < values.start()
+    assert html.count(values[0]) == 1
+    assert "Diagnostics passed." not in first
+    assert "Diagnostics passed." in html
+
+
+def test_the_page_has_four_sections_and_the_rest_within_them(html):
+    links = re.findall(r'<a href="#(\w+)">', html[html.index("<nav") : html.index("</nav>")])
+    assert links == ["mass", "audit", "estimates", "trust"]
+    main = html[html.index("<main>") : html.index('<section id="warnings">')]
+    assert len(re.findall("<h2>", main)) == 4
 
 
 def test_the_worst_findings_stand_on_the_first_screen_and_are_escaped(html):
     first = first_screen(html)
     assert [
         first.count(words) for words in ("K against the mass of the impactor", "implied penetration")
-    ] == [1, 1]
-    assert "sd equals range" not in first
+    ] == [0, 1], "the headline says the first"
     assert "energy &lt;is&gt; not" in first
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,15 +38,28 @@ def natural_frequencies(run: PublishedRun) -> np.ndarray:
     return np.sqrt(np.median(run.draws("K_trial"), axis=0) / run.constant("mass_kg"))
 
 
+def headline(run: PublishedRun) -> str:
+    """What K does with the mass, in a few words."""
+    return worded("published", "headline", exponent(run, "K"), *_decided(run))
+
+
+def _decided(run: PublishedRun) -> list[bool]:
+    """Whether K is as good as surely fixed, and whether in proportion to the mass."""
+    return [hypothesis_probability(run, "K", hypothesis) > SURE for hypothesis in (FIXED, CONSTANT)]
+
+
+def first_findings(run: PublishedRun) -> list[dict[str, Any]]:
+    """The worst findings of the audit but that which the headline says."""
+    said = constant_frequency_finding(run)
+    return [one for at, one in enumerate(published_run.findings(run)) if at != said][:_FIRST]
+
+
 def mass_conclusion(run: PublishedRun) -> str:
     """What the exponent of K says about where its dependence on mass comes from."""
-    fixed, constant = (
-        hypothesis_probability(run, "K", hypothesis) > SURE for hypothesis in (FIXED, CONSTANT)
-    )
     omega = natural_frequencies(run)
     same = relative(np.sqrt(omega.max() / omega.min()) - 1)
     found = constant_frequency_finding(run) is not None
-    return worded("published", "mass", exponent(run, "K"), fixed, constant, same if found else "")
+    return worded("published", "mass", exponent(run, "K"), *_decided(run), same if found else "")
 
 
 def constant_frequency_finding(run: PublishedRun) -> int | None:
@@ -55,9 +69,8 @@ def constant_frequency_finding(run: PublishedRun) -> int | None:
 
 
 def doubt_words(run: PublishedRun) -> str:
-    """What the audit says of the published figures, to stand after "which the audit"."""
-    majors = int((run.audit["severity"] == "major").sum())
-    return "doubts" if majors else "has nothing major against"
+    """What the audit says of it that the published figures measure the tissue."""
+    return "doubts" if (run.audit["severity"] == "major").any() else "does not doubt"
 
 
 def frequency_sentence(run: PublishedRun) -> str:
@@ -65,6 +78,8 @@ def frequency_sentence(run: PublishedRun) -> str:
     return worded("published", "frequency", natural_frequencies(run), run.constant("mass_kg"))
 
 
+# Findings on the first screen, and pixels of its figure.
+_FIRST, _LOW = 4, 200
 POPULATION = (
     *(f"{stem}_{q}" for stem in ("intercept", "mass_exponent") for q in QUANTITIES),
     *(f"sd_{level}_{q}" for level in ("subject", "trial", "impact") for q in QUANTITIES),
@@ -112,8 +127,9 @@ def effects_figures(run: PublishedRun, level: str) -> list[Figure]:
 
 
 def mass_figures(run: PublishedRun, lines: Mapping[Quantity, tuple[float, float]]) -> list[Figure]:
-    """K and C over the mass, each with the thesis's line."""
-    return [published_figures.posterior_mass_figure(run, q, lines[q]) for q in QUANTITIES]
+    """K and C over the mass, each with the thesis's line; that of K is low, for the first screen."""
+    of_k, of_c = (published_figures.posterior_mass_figure(run, q, lines[q]) for q in QUANTITIES)
+    return [replace(of_k, chart=of_k.chart | {"height": _LOW}), of_c]
 
 
 def comparison_figures(run: PublishedRun) -> list[Figure]:
