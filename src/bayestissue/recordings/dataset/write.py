@@ -92,9 +92,9 @@ def settings_text(settings: dict[str, Any]) -> str:
     # Tables stand behind single keys, and lists of tables last.
     for kind in (str, dict, list | tuple):
         for key in Settings.model_fields:
-            table = settings.get(key, ())
+            table = settings.get(key)
             if isinstance(table, kind) and table not in ([], ()):
                 # Among the keys of [signal] those of how texts are written are the last.
-                order = sorted(allowed_keys(Settings, [key]), key=lambda name: name in Stated.model_fields)
+                order = sorted(allowed_keys(Settings, [key]), key=Stated.model_fields.__contains__)
                 content[key] = {n: table[n] for n in order if n in table} if kind is dict else table
     return tomlkit.dumps(content)
