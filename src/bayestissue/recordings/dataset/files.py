@@ -188,7 +188,7 @@ def error_line(error: BaseException) -> str:
 
 @contextmanager
 def decoded(
-    kind: str, label: str, *, spared: tuple[type[BaseException], ...] = (), **words: str
+    kind: str, label: str, *, spared: type[BaseException] = InputError, **words: str
 ) -> Iterator[None]:
     """A block that takes a file apart, in which damaged bytes can fail anywhere.
 
@@ -201,10 +201,9 @@ def decoded(
     Raises:
         InputError: whatever failed. A decoder may be another language's and panic, which is no `Exception`.
     """
-    passed: tuple[type[BaseException], ...] = (InputError, KeyboardInterrupt, SystemExit, *spared)
     try:
         yield
-    except passed:
+    except (InputError, KeyboardInterrupt, SystemExit, spared):
         raise
     except BaseException as error:
         raise InputError.stated(f"damaged-file.{kind}", label, value=error_line(error), **words) from error
@@ -339,7 +338,7 @@ def sheet_text(data: bytes, label: str, sheet: str = "") -> tuple[str, bytes]:
 def _opened(data: bytes, label: str) -> Iterator[CalamineWorkbook]:
     from python_calamine import CalamineWorkbook
 
-    with decoded("workbook", label, spared=(MemoryError,)):
+    with decoded("workbook", label, spared=MemoryError):
         with zipfile.ZipFile(io.BytesIO(data)) as packed:
             size = sum(member.file_size for member in packed.infolist())
             if "xl/workbook.xml" not in packed.namelist():
