@@ -80,8 +80,8 @@ def test_of_many_impacts_the_worst_are_shown_and_the_figures_are_painted(tmp_pat
 
 def test_flagged_impacts_have_a_mark_of_their_own(tmp_path):
     chart = json.loads(figures(page_of(make_estimates_run(tmp_path)))[0])
-    rows = chart["datasets"]["rows-0"]
-    assert {row["impact"] for row in rows if row["kind"] == "flagged"} == {"i3", "i13", "i23", "i33"}
+    rows = pd.DataFrame(chart["datasets"]["rows-0"])
+    assert set(rows.loc[rows["kind"] == "flagged", "impact"]) == {"i3", "i13", "i23", "i33"}
     shape = chart["layer"][-1]["encoding"]["shape"]["scale"]
     assert (shape["domain"], shape["range"]) == (["no flag", "flagged"], ["circle", "square"])
 
