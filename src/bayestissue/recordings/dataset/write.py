@@ -96,5 +96,7 @@ def settings_text(settings: dict[str, Any]) -> str:
             if isinstance(table, kind) and table not in ([], ()):
                 # Among the keys of [signal] those of how texts are written are the last.
                 order = sorted(allowed_keys(Settings, [key]), key=Stated.model_fields.__contains__)
-                content[key] = {n: table[n] for n in order if n in table} if kind is dict else table
+                if isinstance(table, dict):
+                    table = {name: table[name] for name in order if name in table}
+                content[key] = table
     return tomlkit.dumps(content)
