@@ -92,7 +92,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
     def judged(data: Any) -> SimpleNamespace:
         return SimpleNamespace(row=pd.Series(numbers), flags=(), dataset=data)
 
-    monkeypatch.setattr(watching, "Study", lambda _: NoStudy())
+    monkeypatch.setattr(watching, "GrowingStudy", lambda _: NoStudy())
     monkeypatch.setattr(watching, "impact_of", judged)
     monkeypatch.setattr(watching, "inspect", lambda _: {})
     monkeypatch.setattr(watching, "dataset_of", checked_row)

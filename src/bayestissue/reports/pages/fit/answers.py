@@ -110,7 +110,7 @@ def compared(run: FitRun, quantity: str) -> list[tuple[str, str]]:
 
 
 def who_sentence(run: FitRun, quantity: str) -> str:
-    """What differs, or else K (or C) of a typical and of a new person; of one impact its own K."""
+    """What differs, or else K (or C) of a typical person and of a new one; of one impact its own K."""
     level, words = level_of(run, quantity), person_words(run)
     if len(run.impacts) == 1:
         return worded("fit", "who_alone", level, only_impact(run, quantity))
