@@ -70,7 +70,7 @@ def read_drop(folder: Path, _: Any, row: Any) -> SimpleNamespace:
 
 
 FAKES: dict[str, Any] = {
-    "Study": lambda _: NoStudy(),
+    "GrowingStudy": lambda _: NoStudy(),
     "dataset_of": read_drop,
     "impact_of": lambda data: data,
     "several": lambda data: 1 + (data.kind == "spoilt"),
