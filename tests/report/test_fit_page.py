@@ -68,6 +68,11 @@ def test_the_first_screen_has_two_pictures_of_k_and_of_c_each_with_its_sentence(
     assert re.fullmatch(who, of_whom)
     assert re.match(r"K is almost certainly independent of the mass: exponent −?0\.0\d+ \(−", of_mass)
     assert [len(sentences(html, q)) for q in "KC"] == [2, 2]
+    # The switch has both values, whichever is shown.
+    for name, unit in (("stiffness K", "N/m"), ("damping C", "N s/m")):
+        assert re.search(
+            rf"> {name} <b>[\d.]+</b> {unit} <span class=\"interval\">[\d.]+ to [\d.]+</span>", first
+        )
     assert "Diagnostics passed." in first
     # One click below.
     assert re.search(r"90\s% intervals that hold the true value ?\d+ of 12 ?\d+ of 12", plain(first))
