@@ -54,6 +54,7 @@ def test_the_best_level_has_its_probability_rank_and_loss(study: Study) -> None:
     assert answers["median"].to_numpy() == pytest.approx(np.median(force, axis=0), rel=1e-9)
     ranks = rankdata(force, axis=1)
     assert answers["rank_high"].to_numpy() == pytest.approx(np.quantile(ranks, 0.95, axis=0))
+    assert answers[["rank", "rank_low", "rank_high"]].dtypes.eq(float).all()
     assert (answers["unit"] == "N").all()
     assert not answers["note"].str.contains("averaged").any()
 

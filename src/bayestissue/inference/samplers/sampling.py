@@ -52,4 +52,5 @@ def interval(values: xr.DataArray, name: str = "") -> dict[str, np.ndarray]:
     flat = values.transpose(..., *drawn).to_numpy().reshape(math.prod(rest), -1)
     ends = quantiles(np.ascontiguousarray(flat), [0.05, 0.5, 0.95])
     names = (f"{name}_low", name, f"{name}_high") if name else ("low", "median", "high")
-    return {which: end.reshape(rest) for which, end in zip(names, ends, strict=True)}
+    # Of one value a number, and no array of one.
+    return {which: end.reshape(rest)[()] for which, end in zip(names, ends, strict=True)}
