@@ -127,6 +127,13 @@ def test_every_entry_is_led_to() -> None:
     assert set(entries()) - codes == set()
 
 
+def test_functions_that_messages_name_are_public() -> None:
+    texts = [text for message in messages().values() for text in (message.expected, message.remedy)]
+    texts += [text for entry in entries().values() for _, text in entry.parts]
+    named = {name for text in texts for name in re.findall(r"bayestissue\.([a-z_.]+[a-z_])", text)}
+    assert {"dataset", "read_dataset"} <= named <= set(dir(bayestissue))
+
+
 def test_words_of_tables_are_recognised() -> None:
     assert len(flags()) > 60
     for key, flag in flags().items():

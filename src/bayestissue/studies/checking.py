@@ -186,7 +186,7 @@ def check(dataset: Dataset | str | Path) -> Check:
     """Look at every recording of a dataset: how good it is, and whether something spoilt it.
 
     Args:
-        dataset: as `bayestissue.read_dataset` or `bayestissue.recordings.dataset` returns it, or its folder.
+        dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it, or its folder.
     """
     dataset = as_dataset(dataset)
     signal = displacements(dataset)

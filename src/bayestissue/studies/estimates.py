@@ -130,7 +130,7 @@ def estimate(
     """K and C of every impact by itself, with intervals and flags.
 
     Args:
-        dataset: as `bayestissue.read_dataset` or `bayestissue.recordings.dataset` returns it, or its folder.
+        dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it, or its folder.
         method: "impact" for the posterior of each impact under the likelihood of its own trace, the errors of
             its measuring chain integrated out, and weak priors (those of ``models/impact.toml``, of
             displacements ``models/arma.toml``, on the intercepts and the noise, and one of the damping
