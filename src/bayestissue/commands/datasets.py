@@ -37,7 +37,7 @@ def _of_check(checked: Check) -> Iterator[Shown]:
             same = f" The same in {_names(others)}." if others else ""
             yield f"  {first}{same} [{first.code}]"
     codes = [problem.code for problem in (*data.left_out, *checked.warnings)]
-    yield more([*codes, *codes_in("\n".join(checked.notes))])
+    yield more([*codes, *codes_in(*checked.notes)])
 
 
 def _names(problems: list[Problem]) -> str:
@@ -80,7 +80,7 @@ def _of_estimates(estimates: Estimates) -> Iterator[Shown]:
     numbers = ("median", "5 % below", "95 % below")
     yield Grid(title, Table(columns(which, *numbers, number=numbers), rows))
     if estimates["K_N_per_m"].isna().all():
-        remedies = (entries()[code] for code in codes_in("\n".join(estimates["flags"])))
+        remedies = (entries()[code] for code in codes_in(*estimates["flags"]))
         yield " ".join(["No impact has K.", *(f"{entry.title}: {entry.remedy}" for entry in remedies)])
     yield from said_once(estimates["notes"])
     if left_out:

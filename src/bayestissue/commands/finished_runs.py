@@ -222,7 +222,7 @@ def _of_comparison(compared: Comparison) -> Iterator[Shown]:
         yield Grid(str(scheme), table_of(rows, Field("run", "model"), *data, *numbers))
         for row in rows[rows["warning"] != ""].to_dict("records"):
             yield f"  {row['model']}: {row['warning']}"
-    yield more(codes_in("\n".join(comparison["warning"])))
+    yield more(codes_in(*comparison["warning"]))
     together = posteriors["label"] == ""
     count = posteriors.loc[~together, "label"].nunique()
     few = count <= SCREEN.people
@@ -298,7 +298,7 @@ def of_answers(answers: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
         for who, note in _notes(of_question):
             yield f"  {', '.join([str(question), *who])}: {nouns(note)}"
     yield f"  {_counts(answers)}"
-    yield more(codes_in("\n".join(answers["note"])))
+    yield more(codes_in(*answers["note"]))
 
 
 def _notes(answers: pd.DataFrame) -> list[tuple[list[str], str]]:
@@ -335,7 +335,7 @@ def of_predictions(predictions: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
         words = [covariate_words(row)]
         words += [f"new: {row['new']}"] * bool(row["new"]) + [nouns(row["note"])] * bool(row["note"])
         yield f"  row {number}: {'; '.join(words)}"
-    yield more(codes_in("\n".join(predictions["note"])))
+    yield more(codes_in(*predictions["note"]))
 
 
 def _of_compared_answers(answers: pd.DataFrame, questions: Collection[str]) -> Iterator[Shown]:

@@ -202,7 +202,7 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         "estimates.html",
         page=sys.modules[__name__],
         nouns=nouns_of(record, set(table[["impact", "subject", "trial"]].to_numpy(str).ravel())),
-        codes=codes_in("\n".join([*table["flags"], *notes])),
+        codes=codes_in(*table["flags"], *notes),
         record=record,
         impacts=table,
         people=people_alone(table),

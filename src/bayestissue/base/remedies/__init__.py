@@ -78,7 +78,7 @@ class Flag(NamedTuple):
 
     @property
     def pattern(self) -> str:
-        """A regular expression that finds the words in a line, whatever the values are."""
+        """A regular expression that finds the words, whatever the values are."""
         return ".*".join(re.escape(literal) for literal, *_ in Formatter().parse(self.says))
 
 
@@ -166,11 +166,10 @@ def entries() -> MappingProxyType[Code, Remedy]:
     )
 
 
-def codes_in(text: str) -> list[Code]:
-    """The codes of the warnings that a text holds, such as a cell of ``flags``, in the order of the entries.
+def codes_in(*texts: str) -> list[Code]:
+    """The codes of the warnings that texts hold, such as cells of ``flags``, in the order of the entries.
 
-    Tables of a finished run hold the words alone. Cells of a column are lines of the text: what is searched
-    for does not go from one into the next.
+    Tables of a finished run hold the words alone.
     """
-    codes = {flag.code for flag in flags().values() if re.search(flag.pattern, text)}
+    codes = {flag.code for flag in flags().values() if any(re.search(flag.pattern, one) for one in {*texts})}
     return [code for code in entries() if code in codes]

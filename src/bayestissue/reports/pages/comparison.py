@@ -171,7 +171,7 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         "comparison.html",
         page=sys.modules[__name__],
         nouns=nouns_of(record, names),
-        codes=codes_in("\n".join(comparison["warning"])),
+        codes=codes_in(*comparison["warning"]),
         record=record,
         names=names,
         failed=[name for name, verdict in verdicts.items() if not verdict.get("passed")],
