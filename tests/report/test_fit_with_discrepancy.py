@@ -41,6 +41,10 @@ def test_the_first_screen_leads_with_the_secant_stiffness(run: FitRun) -> None:
     first = plain(html[html.index('class="first"') : html.index("<nav")])
     together = spread(run.draws("K_secant_of_impacts"))
     assert f"These impacts together have K_secant = {together.value} N/m (90 %: {together.range})." in first
+    # K is of these impacts, and C of a typical person.
+    assert f"secant stiffness K_secant of these impacts {together.value} N/m {together.range}" in first
+    assert f"damping C {levels(run)[1].typical.value} N s/m" in first
+    assert "Typical person, 90 % interval" in first
     assert "It is force over depth at the greatest depth" in first
     assert "K = " not in first
     assert "K at 12 mm is almost certainly independent of the mass: exponent" in first
