@@ -36,7 +36,7 @@ class Range(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Publication:
+class Citation:
     """Who published a measurement.
 
     Attributes:
@@ -77,7 +77,7 @@ class Measurement:
     """
 
     site: str
-    source: Publication
+    source: Citation
     hit: str
     by: str
     method: str
@@ -98,11 +98,11 @@ class Comparable(NamedTuple):
 @cache
 def measurements() -> tuple[Measurement, ...]:
     """All of them, in the order of the file."""
-    sources = {name: Publication(**entry) for name, entry in _FILE["sources"].items()}
+    sources = {name: Citation(**entry) for name, entry in _FILE["sources"].items()}
     return tuple(_measurement(dict(row), sources) for row in _FILE["measurements"])
 
 
-def _measurement(row: dict[str, Any], sources: Mapping[str, Publication]) -> Measurement:
+def _measurement(row: dict[str, Any], sources: Mapping[str, Citation]) -> Measurement:
     source, mass, velocity = (row.pop(key, None) for key in ("source", "mass_kg", "velocity_m_s"))
     published = {name: _range(row.pop(name)) for name in MEASURED if name in row}
     motion: dict[str, Any] = {"mass": mass and _range(mass), "velocity": velocity and _range(velocity)}
