@@ -49,7 +49,7 @@ _MOST_KEPT, _KEPT = 1_000_000_000, 800_000_000
 _NO_RECYCLING = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
 
 
-# What this process may use; a worker process binds itself to one of them.
+# What this process may use.
 CORES = tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()
 
 

@@ -113,8 +113,7 @@ def table_of(
         dataset: the recordings.
         signal: what was made of them.
         oscillator: its numbers by the names of `bayestissue.inference.points.point_fit.PointFit`; none where
-        there
-            are none.
+            there are none.
         flags: of each impact.
         notes: of each impact.
         further: columns by their names.

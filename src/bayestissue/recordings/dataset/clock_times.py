@@ -38,10 +38,8 @@ def seconds(cells: pa.Array) -> tuple[Float64[np.ndarray, " row"], float] | None
     has_hours = bool(np.isfinite(hour).any())
     # Twelve o'clock is the hour 0 of each half.
     hour = np.where(np.isin(half, ["am", "pm"]), hour % 12 + 12 * (half == "pm"), hour)
-    time, period = (
-        (_HOUR_S * hour if has_hours else 0.0) + 60 * minute + second,
-        DAY_S if has_hours else _HOUR_S,
-    )
+    time = (_HOUR_S * hour if has_hours else 0.0) + 60 * minute + second
+    period = DAY_S if has_hours else _HOUR_S
     known = np.flatnonzero(np.isfinite(time))
     start = float(time[known[0]])
     turns = np.cumsum(np.diff(time[known], prepend=time[known[:1]]) < -period / 2)
