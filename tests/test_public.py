@@ -212,7 +212,7 @@ def test_what_is_public_and_no_more_is_listed() -> None:
     assert dir(bt) == sorted([*bt.__all__, "__version__"])
     assert bt.__version__ == version("bayestissue")
     shown = pydoc.plain(pydoc.render_doc(bt.dataset))
-    assert "bayestissue.dataset(impacts" in shown
+    assert "\ndataset(impacts: " in shown
     assert "Args:" in shown
 
 

@@ -222,7 +222,7 @@ def alive(pid: int) -> bool:
 
 ENDS_SLOWLY = """
 import atexit, time
-from bayestissue import stopping
+from bayestissue.base import stopping
 
 stopping.on_request()
 
