@@ -54,16 +54,16 @@ def after(begun: Path, **changed: object) -> dict[str, object]:
 
 def test_people_and_conditions_go_on(begun: Path) -> None:
     study = study_of(plan_of(CONTENT | {"after": after(begun)}, "plan.toml"), "plan.toml")
-    assert isinstance(study.prior, RunningPrior)
-    assert study.running is not None
-    assert len(study.running.rows) == 10
-    rows = study.designs[0].rows()
+    assert isinstance(study.cases[0].prior, RunningPrior)
+    assert study.cases[0].running is not None
+    assert len(study.cases[0].running.rows) == 10
+    rows = study.cases[0].design.rows()
     assert rows["subject"].tolist() == ["new001", "new002", "new003"]
     # A mass that was recorded has its condition's name, and a new one a name of its own.
-    assert [set(design.rows()["trial"]) for design in study.designs[::2]] == [
+    assert [set(case.design.rows()["trial"]) for case in study.cases[::2]] == [
         {"m0.5"}, {"m1.0"}, {"2 kg at 1.5 m/s"}
     ]  # fmt: skip
-    assert study.analyses[0].model.formula.K == FORMULA
+    assert study.cases[0].model.formula.K == FORMULA
 
 
 def test_a_plan_speaks_as_what_it_goes_on_from(begun: Path) -> None:
@@ -76,7 +76,7 @@ def test_a_plan_speaks_as_what_it_goes_on_from(begun: Path) -> None:
 
 def test_the_same_people_may_be_hit_again(begun: Path) -> None:
     study = study_of(plan_of(CONTENT | {"after": after(begun, again=True)}, "plan.toml"), "plan.toml")
-    assert study.designs[1].rows()["subject"].tolist() == ["s01", "s02", "s03", "s04", "s05", "new001"]
+    assert study.cases[1].design.rows()["subject"].tolist() == ["s01", "s02", "s03", "s04", "s05", "new001"]
 
 
 def test_other_recordings_than_were_fitted_are_refused(begun: Path, tmp_path: Path) -> None:

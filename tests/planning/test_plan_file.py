@@ -91,16 +91,16 @@ def test_levels_of_a_factor_have_a_name_each(levels: list[str]) -> None:
 
 def test_the_default_formula_has_the_factors_that_are_asked_for() -> None:
     study = study_of(plan_of(PLAN, "plan.toml"), "plan.toml")
-    formula = study.analyses[0].model.formula
+    formula = study.cases[0].model.formula
     assert formula.K == formula.C == "log(mass_kg) + side + (1|subject) + (1|trial) + (1|subject:side)"
-    assert study.analyses[0].designs == (0, 1)
-    assert study.analyses[0].model.reference_mass_kg == 0.7
+    assert study.cases[0].model is study.cases[1].model
+    assert study.cases[0].model.reference_mass_kg == 0.7
 
 
 def test_questions_name_a_factor_in_any_case() -> None:
     factor = {"name": "Side", "levels": ["left", "right"]}
     content = PLAN | {"candidates": {**PLAN["candidates"], "factors": [factor]}}
-    formula = study_of(plan_of(content, "plan.toml"), "plan.toml").analyses[0].model.formula
+    formula = study_of(plan_of(content, "plan.toml"), "plan.toml").cases[0].model.formula
     assert formula.K == "log(mass_kg) + Side + (1|subject) + (1|trial) + (1|subject:Side)"
 
 
@@ -111,16 +111,16 @@ def test_a_group_of_people_has_no_effects_within_a_person() -> None:
         "questions": {"a": "K[sex=f] < K[sex=m]"},
     }
     study = study_of(plan_of(content, "plan.toml"), "plan.toml")
-    assert study.analyses[0].model.formula.K == "log(mass_kg) + sex + (1|subject) + (1|trial)"
+    assert study.cases[0].model.formula.K == "log(mass_kg) + sex + (1|subject) + (1|trial)"
 
 
 def test_designs_are_analysed_by_what_they_can_tell() -> None:
     content = PLAN | {"candidates": {**PLAN["candidates"], "masses_kg": [[0.7], [0.5, 1.0]]}}
     study = study_of(plan_of(content, "plan.toml"), "plan.toml")
-    formulas = {each.designs: each.model.formula.K for each in study.analyses}
-    assert formulas[(0, 1)] == "side + (1|subject) + (1|subject:side)"
-    assert "log(mass_kg)" in formulas[(2, 3)]
-    assert study.model_of(2) is study.analyses[1].model
+    formulas = [case.model.formula.K for case in study.cases]
+    assert formulas[0] == formulas[1] == "side + (1|subject) + (1|subject:side)"
+    assert "log(mass_kg)" in formulas[2]
+    assert study.cases[2].model is study.cases[3].model is not study.cases[0].model
 
 
 def test_an_exponent_is_not_asked_where_no_mass_varies() -> None:

@@ -96,7 +96,9 @@ def test_a_time_that_may_never_come_has_no_width() -> None:
     when = {"of": "contact_duration[mass_kg=5, drop_height_cm=30]", "relative": 0.05}
     content = PLAN | {"population": soft, "precision": {"when": when}}
     study = study_of(plan_of(content, "plan.toml"), "plan.toml")
-    ready = planner([study.designs[0].rows()], study.model_of(0), study.prior, study.simulations[""])
+    ready = planner(
+        [study.cases[0].design.rows()], study.cases[0].model, study.cases[0].prior, study.cases[0].simulation
+    )
     ((assessed,),) = ready.assess(study.goals, range(1))
     assert assessed.answered == 0
     numbers = _of_goal(assessed)
@@ -113,8 +115,8 @@ def test_the_precision_of_a_force_is_that_of_its_posterior() -> None:
     # So little damping that the force is the spring's.
     population = PLAN["population"] | {"intercept": {"K": np.log(30_000), "C": np.log(5)}}
     study = study_of(plan_of(PLAN | {"population": population}, "plan.toml"), "plan.toml")
-    rows = [design.rows() for design in study.designs]
-    ready = planner(rows, study.model_of(0), study.prior, study.simulations[""])
+    rows = [case.design.rows() for case in study.cases]
+    ready = planner(rows, study.cases[0].model, study.cases[0].prior, study.cases[0].simulation)
     assessed = [of_goal for (of_goal,) in ready.assess(study.goals, range(1))]
     K, V2 = 30_000.0, 2 * g * HEIGHT
     root = np.sqrt((MASS * g) ** 2 + K * MASS * V2)
@@ -128,7 +130,9 @@ def test_the_precision_of_a_force_is_that_of_its_posterior() -> None:
 def test_fits_of_simulated_studies_are_as_sure_as_the_plan_says() -> None:
     plan = PLAN | {"candidates": PLAN["candidates"] | {"repeats": 4}}
     study = study_of(plan_of(plan, "plan.toml"), "plan.toml")
-    ready = planner([study.designs[0].rows()], study.model_of(0), study.prior, study.simulations[""])
+    ready = planner(
+        [study.cases[0].design.rows()], study.cases[0].model, study.cases[0].prior, study.cases[0].simulation
+    )
     (((planned,),)) = ready.assess(study.goals, range(1))
     conditions = [{"trial": f"h{V}", "mass_kg": MASS, "velocity_m_s": V} for V in VELOCITIES]
     widths = []
@@ -145,7 +149,7 @@ def test_fits_of_simulated_studies_are_as_sure_as_the_plan_says() -> None:
                     "sd_impact_K": SPREAD,
                     "sd_impact_C": 0.1,
                 },
-                "recording": study.simulations[""].recording.model_dump(),
+                "recording": study.cases[0].simulation.recording.model_dump(),
             }
         )
         fit = bt.fit(simulate(simulation).dataset("drops"), "impact", K="1", C="1")

@@ -32,7 +32,7 @@ from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.studies.planning.information import Information, TypicalTissue, information
 from bayestissue.studies.planning.planned_population import DesignPrior, Streams, Truths
 from bayestissue.studies.planning.running import Running
-from bayestissue.studies.planning.studies import Arrangement, Studies, arrangements, draw_studies
+from bayestissue.studies.planning.studies import Arrangement, arrangements, draw_studies
 from bayestissue.studies.planning.study_posterior import PlannedSites, Posteriors, posteriors
 from bayestissue.studies.planning.tabulated_law import planned_law
 from bayestissue.studies.simulation.simulation_file import Simulation
@@ -195,49 +195,32 @@ class Planner:
         self, arrangement: Arrangement, block: int, goals: Sequence[Goal], probability: float
     ) -> list[list[Assessment]]:
         """One block of studies of each design of an arrangement."""
-        streams = Streams(self.seed, block)
-        truths = self.prior.truths(arrangement.model, arrangement.design, streams)
+        model, streams = arrangement.model, Streams(self.seed, block)
+        truths = self.prior.truths(model, arrangement.design, streams)
         studies = draw_studies(arrangement, truths, streams)
-        start, assessed = arrangement.model.unconstrained(truths.hyperparameters), []
+        single = {name: values[:, None] for name, values in truths.hyperparameters.items()}
+        start, assessed = model.unconstrained(truths.hyperparameters), []
         for position in range(len(arrangement.numbers)):
+            present = np.broadcast_to(arrangement.present[position], studies.centre.shape[:2])
+            sites = PlannedSites(model, arrangement.columns, arrangement.precision, studies.centre, present)
+            drawn = posteriors(sites, start)
             # The same people with more or fewer impacts have their mode near.
-            of_goals, start = self._of_design(arrangement, position, studies, start, goals, probability)
-            assessed.append(of_goals)
-        return assessed
-
-    def _of_design(
-        self,
-        arrangement: Arrangement,
-        position: int,
-        studies: Studies,
-        start: Float[np.ndarray, "study coordinate"],
-        goals: Sequence[Goal],
-        probability: float,
-    ) -> tuple[list[Assessment], Float[np.ndarray, "study coordinate"]]:
-        model = arrangement.model
-        present = np.broadcast_to(arrangement.present[position], studies.centre.shape[:2])
-        sites = PlannedSites(model, arrangement.columns, arrangement.precision, studies.centre, present)
-        drawn = posteriors(sites, start)
-        return self._answered(arrangement, position, studies, drawn, goals, probability), drawn.mode
-
-    def _answered(
-        self,
-        arrangement: Arrangement,
-        position: int,
-        studies: Studies,
-        drawn: Posteriors,
-        goals: Sequence[Goal],
-        probability: float,
-    ) -> list[Assessment]:
-        """What the posteriors of one design's studies say of each goal."""
-        answers = _Answers(arrangement, position, self.information, goals, self.law)
-        posterior = answers.dataset(drawn.hyperparameters, drawn.b)
-        single = {name: values[:, None] for name, values in studies.truths.hyperparameters.items()}
-        truth = answers.dataset(single, studies.b[:, None])
-        assessed = []
-        for goal in goals:
-            values, true = (answers.values(goal.node, draws) for draws in (posterior, truth))
-            assessed.append(_assessment(goal, probability, drawn, values, true))
+            start = drawn.mode
+            answers = _Answers(arrangement, position, self.information, goals, self.law)
+            posterior = answers.dataset(drawn.hyperparameters, drawn.b)
+            truth = answers.dataset(single, studies.b[:, None])
+            assessed.append(
+                [
+                    _assessment(
+                        goal,
+                        probability,
+                        drawn,
+                        answers.values(goal.node, posterior),
+                        answers.values(goal.node, truth),
+                    )
+                    for goal in goals
+                ]
+            )
         return assessed
 
 

@@ -12,6 +12,8 @@ import pandas as pd
 
 from bayestissue.studies.planning.plan_file import Candidates, Cost, PlannedFactor
 
+# Pairs of mass in kg and velocity in m/s.
+Conditions = tuple[tuple[float, float], ...]
 _CONDITION = ("trial", "mass_kg", "velocity_m_s")
 
 
@@ -33,7 +35,7 @@ class Candidate:
     """
 
     people: int
-    conditions: tuple[tuple[float, float], ...]
+    conditions: Conditions
     repeats: int = 1
     factors: tuple[PlannedFactor, ...] = ()
     lost: float = 0.0
@@ -137,9 +139,9 @@ def grid(candidates: Candidates, recorders: Sequence[str] = ("",)) -> list[Candi
     ]
 
 
-def largest_of_each(designs: Sequence[Candidate]) -> dict[tuple[tuple[float, float], ...], Candidate]:
+def largest_of_each(designs: Sequence[Candidate]) -> dict[Conditions, Candidate]:
     """Of each set of conditions the design with the most impacts, which tells all that any of it can."""
-    largest: dict[tuple[tuple[float, float], ...], Candidate] = {}
+    largest: dict[Conditions, Candidate] = {}
     for design in designs:
         earlier = largest.get(design.conditions)
         if earlier is None or design.planned_impacts > earlier.planned_impacts:

@@ -224,18 +224,9 @@ def carry_out(
     start = runtime.CommandStart()
     aim = study.plan.goal
     ledger = Ledger(aim.seed, aim.probability, say or silent, known, parts)
-    cases = [
-        Case(
-            design,
-            study.model_of(number),
-            study.prior,
-            study.simulations[design.recorder],
-            study.running,
-        )
-        for number, design in enumerate(study.designs)
-    ]
+    cases = study.cases
     assessments = ledger.assess(cases, study.goals, aim.studies)
-    minutes = [design.minutes(study.plan.cost) for design in study.designs]
+    minutes = [case.design.minutes(study.plan.cost) for case in cases]
     # The least assurance of all goals as a fraction of what is wanted.
     reached = [min(one.answered for one in of_goals) / aim.assurance for of_goals in assessments]
     chosen = _best(range(len(cases)), reached, minutes)
@@ -257,8 +248,11 @@ def carry_out(
         "version": runtime.versions()["bayestissue"],
         "plan": study.plan.model_dump(mode="json", exclude_none=True),
         "analyses": [
-            {"designs": [number + 1 for number in one.designs], "model": one.model.model_dump(mode="json")}
-            for one in study.analyses
+            {
+                "designs": [number for number, case in enumerate(cases, start=1) if case.model is model],
+                "model": model.model_dump(mode="json"),
+            }
+            for model in {id(case.model): case.model for case in cases}.values()
         ],
         "designs": [
             {"design": number, **_of_case(case, study.plan, of_goals)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,14 +35,13 @@ from bayestissue.studies.finished import read_run
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal
 from bayestissue.studies.planning.begun import begun_study, pilot_of
-from bayestissue.studies.planning.candidates import Candidate, grid, largest_of_each
+from bayestissue.studies.planning.candidates import Candidate, Conditions, grid, largest_of_each
 from bayestissue.studies.planning.information import simulation_of
+from bayestissue.studies.planning.ledger import Case
 from bayestissue.studies.planning.plan_file import PlanSpecification
 from bayestissue.studies.planning.planned_population import Beliefs, DesignPrior
-from bayestissue.studies.planning.running import Running
 from bayestissue.studies.planning.study_model import planned_model
 from bayestissue.studies.planning.tabulated_law import planned_law
-from bayestissue.studies.simulation.simulation_file import Simulation
 
 # The mass that K and C of the population are at, where neither plan nor model says.
 REFERENCE_MASS_KG = 0.7
@@ -51,40 +50,20 @@ _SIGNED = ("mass_exponent_", "effect_of_", "intercept_", "residual_correlation")
 
 
 @dataclass(frozen=True, eq=False)
-class Analysis:
-    """A model, and the numbers of the designs that it will analyse."""
-
-    model: ModelSpecification
-    designs: tuple[int, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class PlannedStudy:
     """A plan that can be carried out.
 
     Attributes:
         plan: its file.
-        designs: the candidates.
-        analyses: of all of them.
+        cases: the designs, each with the model that analyses it; designs with the same formulas share it.
         goals: what the study shall find out.
-        prior: what is believed of the tissue.
-        simulations: whose measuring chains are those of the recorders, by name.
-        running: what a study that has begun has recorded.
         words: what people, conditions and impacts are called, by the keys of ``[words]``.
     """
 
     plan: PlanSpecification
-    designs: tuple[Candidate, ...]
-    analyses: tuple[Analysis, ...]
+    cases: tuple[Case, ...]
     goals: tuple[Goal, ...]
-    prior: DesignPrior
-    simulations: Mapping[str, Simulation]
-    running: Running | None = None
-    words: Mapping[str, str] = field(default_factory=dict)
-
-    def model_of(self, number: int) -> ModelSpecification:
-        """The model that analyses a design."""
-        return next(analysis.model for analysis in self.analyses if number in analysis.designs)
+    words: Mapping[str, str]
 
 
 def study_of(plan: PlanSpecification, source: str) -> PlannedStudy:
@@ -137,20 +116,18 @@ def study_of(plan: PlanSpecification, source: str) -> PlannedStudy:
             prior, words = _pilot(plan.pilot, Beliefs(plan.population), model, source)
     if problems:
         raise InputError({str(problem): problem for problem in problems}.values())
-    formulas_of = [adapted[candidate.conditions] for candidate in designs]
     simulations = {
         name: simulation_of(recording, recorder=plan.recorder, gravity=plan.gravity)
         for name, recording in plan.recordings.items()
     }
+    running = None if earlier is None else earlier.running
+    models = _models(plan, adapted, reference) if earlier is None else dict.fromkeys(adapted, model)
+    cases = (
+        Case(design, models[design.conditions], prior, simulations[design.recorder], running)
+        for design in designs
+    )
     return PlannedStudy(
-        plan,
-        designs,
-        _analyses(plan, None if earlier is None else earlier.model, formulas_of, reference),
-        _goals(plan),
-        prior,
-        simulations,
-        None if earlier is None else earlier.running,
-        words if plan.words is None else plan.words.values(),
+        plan, tuple(cases), _goals(plan), words if plan.words is None else plan.words.values()
     )
 
 
@@ -163,31 +140,17 @@ def _unsuited(plan: PlanSpecification, model: ModelSpecification, source: str) -
     return problems
 
 
-def _analyses(
-    plan: PlanSpecification,
-    begun: ModelSpecification | None,
-    formulas_of: Sequence[Mapping[str, str]],
-    reference: float,
-) -> tuple[Analysis, ...]:
-    """Designs with the same formulas together, under the model of a study that has begun, or the plan's.
-
-    Args:
-        plan: its file.
-        begun: the model of a study that has begun.
-        formulas_of: of each design, those that the plan leaves open.
-        reference: the reference mass [kg].
-    """
-    together: dict[tuple[tuple[str, str], ...], list[int]] = {}
-    for number, formulas in enumerate(formulas_of):
-        together.setdefault(tuple(formulas.items()), []).append(number)
-    analyses = []
-    for further, numbers in together.items():
-        model = begun
-        if model is None:
-            resolved, _ = resolve(plan.model, formulas={**plan.formula, **dict(further)})
-            model = resolved.model_copy(update={"reference_mass_kg": reference})
-        analyses.append(Analysis(model, tuple(numbers)))
-    return tuple(analyses)
+def _models(
+    plan: PlanSpecification, adapted: Mapping[Conditions, Mapping[str, str]], reference: float
+) -> dict[Conditions, ModelSpecification]:
+    """The model of each set of conditions, by the formulas that the plan leaves open; equal ones share it."""
+    models: dict[tuple[tuple[str, str], ...], ModelSpecification] = {}
+    for formulas in adapted.values():
+        resolved, _ = resolve(plan.model, formulas={**plan.formula, **formulas})
+        models.setdefault(
+            tuple(formulas.items()), resolved.model_copy(update={"reference_mass_kg": reference})
+        )
+    return {conditions: models[tuple(formulas.items())] for conditions, formulas in adapted.items()}
 
 
 def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:

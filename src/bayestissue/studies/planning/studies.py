@@ -116,12 +116,10 @@ class Studies:
     """A block of studies, of the largest design.
 
     Attributes:
-        truths: hyperparameters and fixed effects of each.
         b: all fixed and group effects.
         centre: of each impact's site.
     """
 
-    truths: Truths
     b: Float[np.ndarray, "study location"]
     centre: Float[np.ndarray, "study impact parameter"]
 
@@ -174,4 +172,4 @@ def draw_studies(arrangement: Arrangement, truths: Truths, streams: Streams) -> 
     measured = np.linalg.solve(np.swapaxes(root, -1, -2), errors[..., None])[..., 0]
     centre = means + scatter - by_mass + measured
     centre[:, : len(arrangement.recorded)] = arrangement.recorded
-    return Studies(truths, b, centre)
+    return Studies(b, centre)
