@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,35 +29,47 @@ from bayestissue.recordings.signal.traces import (
 type LastBelow = Callable[[Column], Index]
 
 
+class QuietPart(NamedTuple):
+    """What was recorded before contact while nothing moved, per impact.
+
+    Attributes:
+        there: whether there is such a part.
+        samples: how many it has.
+        offset: their mean, in the unit of the recording; 0 without any.
+        noise_sd: standard deviation of the recorder's noise, in that unit.
+    """
+
+    there: Mask
+    samples: Index
+    offset: Column
+    noise_sd: Column
+
+    @property
+    def offset_sd(self) -> Column:
+        """Standard deviation of the error of the mean; NaN where there is no quiet part."""
+        count = np.maximum(self.samples, 1)
+        of_scatter = standard_error(self.noise_sd, count)
+        sd = np.where(count >= CONTACT.scatter_samples, of_scatter, self.noise_sd / np.sqrt(count))
+        return np.where(self.there, sd, np.nan)
+
+
 @dataclass(frozen=True)
 class Onset:
     """What surrounds contact, per impact.
 
     ``first`` is the first sample certain to be in contact; contact came between ``least`` and ``most``
-    seconds before it. ``offset`` is the mean of the quiet part, 0 where ``quiet`` is false; it has
-    ``quiet_samples``. ``noise_sd`` is the standard deviation of the recorder's noise. Both have the unit of
-    the recording. ``doubtful`` says that a chosen contact is more than 1 ms, and five samples, from where the
-    trace itself shows it. ``reach`` seconds before ``first`` a force that rises from 0 may have begun without
-    showing in the noise; 0 where contact is given.
+    seconds before it. ``doubtful`` says that a chosen contact is more than 1 ms, and five samples, from where
+    the trace itself shows it. ``reach`` seconds before ``first`` a force that rises from 0 may have begun
+    without showing in the noise; 0 where contact is given.
     """
 
     first: Index
     least: Column
     most: Column
-    offset: Column
-    noise_sd: Column
-    quiet: Mask
-    quiet_samples: Index
+    quiet: QuietPart
     doubtful: Mask
     reach: Column
     blurred: Mask
-
-    @property
-    def offset_sd(self) -> Column:
-        """Standard deviation of the error of the quiet part's mean; of no account where there is none."""
-        count = np.maximum(self.quiet_samples, 1)
-        of_scatter = standard_error(self.noise_sd, count)
-        return np.where(count >= CONTACT.scatter_samples, of_scatter, self.noise_sd / np.sqrt(count))
 
 
 def motion_of(traces: Sequence[Trace], quantity: Quantity) -> PaddedTraces:
@@ -109,16 +122,13 @@ def find_onset(recordings: PaddedTraces, options: SignalOptions) -> Onset:
     margin = 2 * half * recordings.dt
     # Means overlap, and the last of them hold samples in contact: the quiet part is that of the samples.
     last_quiet = means.first - np.rint(means.most / recordings.dt).astype(int)
-    end = np.maximum(last_quiet - half - _ahead(recordings), 0)
-    quiet, offset, noise = _quiet_part(recordings, end, sd, peak)
+    of_samples = _quiet_part(recordings, last_quiet - half - _ahead(recordings), sd, peak)
+    pairs = zip(of_samples, means.quiet, strict=True)
     return replace(
         means,
         first=np.minimum(means.first + half, recordings.n - 1),
         most=means.most + margin,
-        offset=np.where(blurred, offset, means.offset),
-        noise_sd=np.where(blurred, noise, means.noise_sd),
-        quiet=np.where(blurred, quiet, means.quiet),
-        quiet_samples=np.where(blurred, np.where(quiet, end, 0), means.quiet_samples),
+        quiet=QuietPart(*(np.where(blurred, *pair) for pair in pairs)),
         reach=means.reach + margin,
         blurred=blurred,
     )
@@ -161,42 +171,31 @@ def _onset(recordings: PaddedTraces, options: SignalOptions, noise: Column) -> O
     baseline = _first_baseline(recordings, peak, last_below)
     first = last_below(baseline + CONTACT.certain * sd) + 1
     ahead = _ahead(recordings)
-    quiet, baseline, sd = _quiet_part(recordings, first - ahead, sd, peak)
+    _, _, baseline, sd = _quiet_part(recordings, first - ahead, sd, peak)
     # The second look has the mean and the scatter of the whole quiet part to go by.
     first = last_below(baseline + CONTACT.certain * sd) + 1
     last_quiet = _last_quiet(recordings, first, baseline, sd)
-    quiet, offset, sd = _quiet_part(recordings, last_quiet - ahead, sd, peak)
+    quiet = _quiet_part(recordings, last_quiet - ahead, sd, peak)
+    sd = quiet.noise_sd
     least, most = np.zeros(len(peak)), recordings.span(last_quiet, first)
-    shown, earliest, end = first, most, last_quiet
+    shown, earliest = first, most
     passed = (deceleration >= (baseline + 2 * CONTACT.certain * sd)[:, None]) & until_peak
     passed &= np.arange(deceleration.shape[1]) >= first[:, None]
     rise = recordings.span(first, first_where(passed, first))
     reach = np.maximum(CONTACT.reach * most, CONTACT.rises * rise) + 2 * recordings.dt
     if options.contact == "threshold":
-        level = offset + CONTACT.threshold * (peak - offset)
+        level = quiet.offset + CONTACT.threshold * (peak - quiet.offset)
         first = last_below(level) + 1
         most = least = _since_crossing(recordings, level, first) * recordings.span(first - 1, first)
         reach = reach + np.maximum(recordings.span(shown, first), 0)
     elif options.contact == "time-zero":
         first, least = from_time_zero(recordings)
-        end = first - 1
-        quiet, offset, sd = _quiet_part(recordings, end - ahead, sd, peak)
+        quiet = _quiet_part(recordings, first - 1 - ahead, sd, peak)
         most, reach = least, np.zeros_like(least)
     later = recordings.span(shown, first) - least
     tolerance = np.maximum(CONTACT.doubtful_s, 5 * recordings.dt)
     doubtful = (least == most) & ((later > tolerance) | (later < -earliest - tolerance))
-    return Onset(
-        first,
-        least,
-        most,
-        offset,
-        sd,
-        quiet,
-        np.where(quiet, end - ahead, 0),
-        doubtful,
-        reach,
-        np.zeros_like(quiet),
-    )
+    return Onset(first, least, most, quiet, doubtful, reach, np.zeros_like(doubtful))
 
 
 def displacement_contact(recordings: PaddedTraces, options: SignalOptions) -> tuple[Index, Column]:
@@ -238,9 +237,7 @@ def _first_baseline(recordings: PaddedTraces, peak: Column, last_below: LastBelo
     return np.where((low // 2 >= CONTACT.quiet_samples) & (mean < CONTACT.quiet_ceiling * peak), mean, start)
 
 
-def _quiet_part(
-    recordings: PaddedTraces, end: Index, sd: Column, peak: Column
-) -> tuple[Mask, Column, Column]:
+def _quiet_part(recordings: PaddedTraces, end: Index, sd: Column, peak: Column) -> QuietPart:
     end = np.maximum(end, 0)
     mean, scatter = segment_moments(recordings.value, end)
     early, _ = segment_moments(recordings.value, end // 2)
@@ -249,11 +246,8 @@ def _quiet_part(
     quiet = (end >= CONTACT.quiet_samples) & level & (np.abs(mean) < CONTACT.quiet_ceiling * peak)
     # Without a quiet part the baseline is 0: an offset can't be told from the impact itself.
     measured = quiet & (end >= CONTACT.scatter_samples)
-    return (
-        quiet,
-        np.where(quiet, mean, 0),
-        np.where(measured, np.maximum(scatter, CONTACT.rounding * peak), sd),
-    )
+    noise = np.where(measured, np.maximum(scatter, CONTACT.rounding * peak), sd)
+    return QuietPart(quiet, np.where(quiet, end, 0), np.where(quiet, mean, 0), noise)
 
 
 def _last_quiet(recordings: PaddedTraces, first: Index, baseline: Column, sd: Column) -> Index:

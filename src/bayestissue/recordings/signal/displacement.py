@@ -308,8 +308,9 @@ def _integrated(
     recordings: ImpactTraces, options: SignalOptions, rule: Rule, phase: Phase = BETWEEN
 ) -> tuple[Displacements, ContactEvidence]:
     onset = find_onset(recordings, options)
+    quiet = onset.quiet
     recorded = from_sample(recordings, onset.first)
-    recorded = replace(recorded, value=recorded.value - onset.offset[:, None])
+    recorded = replace(recorded, value=recorded.value - quiet.offset[:, None])
     bracket = onset.least, onset.most
     part = replace(recorded, value=beyond_limit(recorded, bracket))
     d, inside, dt = part.value, part.inside, part.dt
@@ -322,20 +323,20 @@ def _integrated(
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * part.time_s - second
     # The last sample clear of great noise is one that the noise has lifted.
-    pushed = inside & (still_pushed(part, onset.noise_sd) | onset.blurred[:, None])
+    pushed = inside & (still_pushed(part, quiet.noise_sd) | onset.blurred[:, None])
     stop = zero_velocity(slowing, v, x, pushed)
     flags = {
         Coded.stated("no-zero-velocity.end"): ~stop.reached,
         Coded.stated("contact-doubtful"): onset.doubtful,
-        NO_CONTACT: ~onset.quiet & (onset.first >= CONTACT.quiet_samples),
+        NO_CONTACT: ~quiet.there & (onset.first >= CONTACT.quiet_samples),
     }
     signal = _windowed(
-        Motion(recorded, x, v, start, stop, onset.noise_sd),
+        Motion(recorded, x, v, start, stop, quiet.noise_sd),
         options,
         flags,
-        {NO_OFFSET: ~onset.quiet, UNEVEN: part.uneven},
-        offset=onset.offset,
-        offset_sd=np.where(onset.quiet, onset.offset_sd, np.nan),
+        {NO_OFFSET: ~quiet.there, UNEVEN: part.uneven},
+        offset=quiet.offset,
+        offset_sd=quiet.offset_sd,
         interval_s=np.where(bracketed, dt, 0.0),
         **_before(recordings, onset),
     )
@@ -351,13 +352,13 @@ def _integrated(
 def _before(recordings: ImpactTraces, onset: Onset) -> dict[str, Any]:
     """What was recorded before the first sample in contact: see `Displacements`."""
     index = onset.first[:, None] - BEFORE + np.arange(BEFORE)
-    value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - onset.offset[:, None]
+    value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - onset.quiet.offset[:, None]
     since_first = recordings.sample_number_of(index) - recordings.sample_number_of(onset.first)[:, None]
     return {
         "before": np.where(index >= 0, value, 0.0),
         "before_s": since_first * recordings.dt[:, None],
         "n_before": np.minimum(onset.first, BEFORE),
-        "n_since_quiet": onset.first - np.where(onset.quiet, onset.quiet_samples, 0),
+        "n_since_quiet": onset.first - onset.quiet.samples,
         "reach_s": onset.reach,
         "blurred": onset.blurred,
     }
