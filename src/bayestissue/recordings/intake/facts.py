@@ -146,35 +146,28 @@ class _Table:
             file: the recording.
             from_name: what its name says, by which a table without names of files is joined.
         """
-        if not self.rows:
-            return {None: {}}
+        facts_of_number: dict[int | None, dict[str, str]] = {} if self.rows else {None: {}}
+        key, who = FILE, file.name
         if self.keys:
-            return {None: self._joined(file, from_name)}
-        mine = [(line, row) for line, row in self.rows if row[FILE] in _possible_names(file)]
-        if not mine:
-            raise self._wrong("no-row", None, FILE, "none", name=file.name)
-        facts_of_number: dict[int | None, dict[str, str]] = {}
-        for line, row in mine:
-            number = self._number(line, row)
+            key, who = self.keys[0], ", ".join(f"{name} {from_name[name]}" for name in self.keys)
+        for line, row in self.rows:
+            if not self._is_of(row, file, from_name):
+                continue
+            number = None if self.keys else self._number(line, row)
             if number in facts_of_number:
-                which = file.name + (f", number {number}" if number else "")
-                raise self._wrong("twice", line, FILE, row[FILE], which=which)
+                which = who + (f", number {number}" if number else "")
+                raise self._wrong("twice", line, key, row[key], which=which)
             facts_of_number[number] = {name: row[name] for name in self.facts if row[name]}
+        if not facts_of_number:
+            name = f"{who} ({file.name})" if self.keys else who
+            raise self._wrong("no-row", None, key, "none", name=name)
         return facts_of_number
 
-    def _joined(self, file: File, from_name: Mapping[str, str]) -> dict[str, str]:
-        mine = [
-            (line, row)
-            for line, row in self.rows
-            if all(row[key] and _alike(row[key]) == _alike(from_name[key]) for key in self.keys)
-        ]
-        who = ", ".join(f"{key} {from_name[key]}" for key in self.keys)
-        if not mine:
-            raise self._wrong("no-row", None, self.keys[0], "none", name=f"{who} ({file.name})")
-        if len(mine) > 1:
-            line, row = mine[1]
-            raise self._wrong("twice", line, self.keys[0], row[self.keys[0]], which=who)
-        return {name: mine[0][1][name] for name in self.facts if mine[0][1][name]}
+    def _is_of(self, row: Mapping[str, str], file: File, from_name: Mapping[str, str]) -> bool:
+        """Whether a row is of a file: by its name, or by what that says."""
+        if not self.keys:
+            return row[FILE] in _possible_names(file)
+        return all(row[key] and _alike(row[key]) == _alike(from_name[key]) for key in self.keys)
 
     def unused(self, recordings: Iterable[Cells]) -> tuple[str, ...]:
         """The rows of a table that was joined of which there is no recording, in words."""
@@ -191,7 +184,7 @@ class _Table:
     def unmatched_rows(self, files: tuple[File, ...]) -> Iterator[Problem]:
         """Rows that belong to no file, and to more than one."""
         for line, row in () if self.keys else self.rows:
-            named = [file.name for file in files if row[FILE] in _possible_names(file)]
+            named = [file.name for file in files if self._is_of(row, file, {})]
             if len(named) != 1:
                 value = f"{row[FILE]}: {', '.join(named) or 'no such file'}"
                 yield from self._wrong("name", line, FILE, value).problems
