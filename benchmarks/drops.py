@@ -17,7 +17,7 @@ import numpy as np
 from bayestissue.base import runtime
 from bayestissue.base.errors import Coded
 from bayestissue.inference.single.impact_estimates import estimate
-from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY
+from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY
 from bayestissue.studies.simulation import Simulation, simulate
 
 PEOPLE = 50

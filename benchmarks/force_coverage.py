@@ -23,7 +23,7 @@ from scipy.stats import gmean
 from studies import Fitted, Interval, counted, ends, fitted, sides
 
 from bayestissue.inference.checking.mass_checks import judge_force
-from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.studies.simulation import Simulation, simulate
 
 MASSES_KG, VELOCITY = (0.5, 0.7, 0.9, 1.2), 1.4

@@ -24,7 +24,7 @@ from studies import Fitted, Interval, counted, ends, fitted, of_draws, sides
 import bayestissue as bt
 from bayestissue.inference.checking.mass_checks import judge_added_mass
 from bayestissue.inference.quantities.quantity_draws import prior_draws
-from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.studies.simulation import Campaign, Simulation, simulate
 
 KINDS = ("force", "velocity", "neither")

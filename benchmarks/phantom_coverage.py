@@ -22,8 +22,8 @@ import pandas as pd
 from studies import Interval, counted, ends, fitted, sides
 
 import bayestissue as bt
-from bayestissue.recordings.dataset.impacts import REFERENCE
-from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Uncertainty
+from bayestissue.recordings.dataset.impact_table import REFERENCE
 from bayestissue.studies.simulation import Simulation, simulate
 
 MASSES_KG, VELOCITY, OFF = (0.5, 1.0), 1.4, 1.06

@@ -27,7 +27,7 @@ from bayestissue.base import runtime
 from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.recordings.dataset import Dataset, Trace
 from bayestissue.recordings.signal import displacements
-from bayestissue.recordings.signal.quality.law import suspected
+from bayestissue.recordings.signal.quality.force_laws import suspected
 from bayestissue.studies.simulation import Simulation, simulate
 
 IMPACTS = 96

@@ -10,7 +10,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.recordings.dataset import Dataset, Trace
-from bayestissue.recordings.dataset.settings import Quantity, Settings, SignalSettings
+from bayestissue.recordings.dataset.dataset_file import Quantity, Settings, SignalSettings
 from bayestissue.studies.simulation.campaign import leaves, simulate
 from bayestissue.studies.simulation.simulation_file import (
     Condition,

@@ -12,9 +12,9 @@ from sound import FINE_HZ, Chain, Impact, chain, dataset
 from bayestissue.base.errors import Coded
 from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.recordings.dataset import Dataset, Trace
-from bayestissue.recordings.dataset.checks import check_recordings
+from bayestissue.recordings.dataset.dataset_file import Quantity
+from bayestissue.recordings.dataset.recording_checks import check_recordings
 from bayestissue.recordings.dataset.recordings import Recordings, Samples
-from bayestissue.recordings.dataset.settings import Quantity
 
 type Stage = Callable[[np.ndarray, np.ndarray], np.ndarray]
 type Spoiling = Callable[[Impact, Chain, np.random.Generator], Trace]

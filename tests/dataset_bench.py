@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.recordings.dataset.settings import Settings, content_of, parse_settings
+from bayestissue.recordings.dataset.dataset_file import Settings, content_of, parse_settings
 
 STIFFNESS, DAMPING, RATE, SAMPLES = 3000.0, 25.0, 10_000.0, 400
 

@@ -23,8 +23,8 @@ from bayestissue.cli import app
 from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS, element_attributes
 from bayestissue.model.hierarchy.priors import Pair, _Prior
 from bayestissue.model.hierarchy.specification import ModelSpecification
-from bayestissue.recordings.dataset.impacts import COLUMNS, RESERVED
-from bayestissue.recordings.dataset.settings import Settings
+from bayestissue.recordings.dataset.dataset_file import Settings
+from bayestissue.recordings.dataset.impact_table import COLUMNS, RESERVED
 from bayestissue.studies.bench.campaign_file import CampaignSpecification
 from bayestissue.studies.planning.plan_file import PlanSpecification
 from bayestissue.studies.planning.planned_population import Known

@@ -18,7 +18,7 @@ from scipy.io import savemat
 
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset import read_dataset
-from bayestissue.recordings.dataset.files import LIMIT, sheet_text
+from bayestissue.recordings.dataset.source_files import LIMIT, sheet_text
 from dataset_bench import Lab
 
 LIMIT_MB = 5

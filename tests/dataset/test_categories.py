@@ -9,7 +9,7 @@ import pytest
 import bayestissue as bt
 from bayestissue.model.hierarchy.formulas.formula import resolve
 from bayestissue.recordings.dataset.cells import standard_names
-from bayestissue.recordings.dataset.impacts import COLUMNS, impact_table
+from bayestissue.recordings.dataset.impact_table import COLUMNS, impact_table
 from dataset_bench import SETTINGS, Lab, tables
 
 

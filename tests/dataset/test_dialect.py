@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.cells import read_cells
 from bayestissue.recordings.dataset.dialect import DECIMALS, DELIMITERS, Dialect, Stated, text_table
-from bayestissue.recordings.dataset.files import Source
 from bayestissue.recordings.dataset.formats.channel import Contents
-from bayestissue.recordings.dataset.tables import read_table
+from bayestissue.recordings.dataset.sample_tables import read_table
+from bayestissue.recordings.dataset.source_files import Source
 
 TIME = np.arange(300) / 1000 - 0.005
 VALUE = 1500 * np.sin(40 * TIME) + 0.25

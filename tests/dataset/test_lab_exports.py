@@ -9,10 +9,10 @@ import pytest
 
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.cells import read_cells
+from bayestissue.recordings.dataset.dataset_file import SignalSettings
 from bayestissue.recordings.dataset.dialect import Stated
-from bayestissue.recordings.dataset.files import Source
 from bayestissue.recordings.dataset.recorders import contents_of, read_recording
-from bayestissue.recordings.dataset.settings import SignalSettings
+from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.folder import look
 from recorder_files import lvm
 

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.recordings.dataset.checks import check_recordings
+from bayestissue.recordings.dataset.dataset_file import Quantity, Uncertainty
+from bayestissue.recordings.dataset.ragged_traces import at_limit
+from bayestissue.recordings.dataset.recording_checks import check_recordings
 from bayestissue.recordings.dataset.recordings import Recordings, Samples
-from bayestissue.recordings.dataset.settings import Quantity, Uncertainty
-from bayestissue.recordings.dataset.traces import at_limit
 
 COUNT = 400
 

@@ -15,8 +15,8 @@ from scipy.io import savemat
 
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset import Dataset, read_dataset
-from bayestissue.recordings.dataset.files import Source
 from bayestissue.recordings.dataset.recorders import contents_of
+from bayestissue.recordings.dataset.source_files import Source
 from dataset_bench import MASSES, NAMES, RATE, Lab, tables
 from recorder_files import acq, c3d, lvm, markers, xlsx
 

@@ -11,9 +11,9 @@ import pytest
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.cells import read_cells
 from bayestissue.recordings.dataset.dialect import Stated
-from bayestissue.recordings.dataset.files import Source
-from bayestissue.recordings.dataset.impacts import impact_table
-from bayestissue.recordings.dataset.tables import read_table
+from bayestissue.recordings.dataset.impact_table import impact_table
+from bayestissue.recordings.dataset.sample_tables import read_table
+from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.names import columns
 
 LETTERED = {",": '"{}"', ";": "{}", "\t": "{}"}

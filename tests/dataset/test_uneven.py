@@ -8,7 +8,7 @@ from test_limits import SIGNAL, TIME, force, read
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
-from bayestissue.recordings.dataset.traces import Traces
+from bayestissue.recordings.dataset.ragged_traces import Traces
 from bayestissue.recordings.signal import displacements
 
 

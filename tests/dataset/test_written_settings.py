@@ -18,7 +18,7 @@ import bayestissue as bt
 from bayestissue.base.errors import InputError
 from bayestissue.base.literature import SITES
 from bayestissue.base.settings import kinds, parse_toml
-from bayestissue.recordings.dataset.settings import PLACES, Settings, SignalSettings, parse_settings
+from bayestissue.recordings.dataset.dataset_file import PLACES, Settings, SignalSettings, parse_settings
 from bayestissue.recordings.dataset.write import settings_text
 from dataset_bench import tables
 

@@ -14,7 +14,7 @@ import xarray as xr
 
 import bayestissue as bt
 from bayestissue.inference.checking.findings import FORCE_CONTRADICTS
-from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.studies.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import bayestissue as bt
-from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.studies.simulation import Campaign, Simulation, simulate
 
 MOVES, MASSES, VELOCITY = 0.1, (0.5, 1.0), 1.5

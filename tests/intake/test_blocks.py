@@ -10,9 +10,9 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
-from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.dataset_file import SignalSettings
 from bayestissue.recordings.dataset.recorders import contents_of, read_recording
-from bayestissue.recordings.dataset.settings import SignalSettings
+from bayestissue.recordings.dataset.source_files import Source
 from command_line import bayestissue
 from dataset_bench import deceleration
 from recorder_files import lvm

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from bayestissue.base.errors import InputError
-from bayestissue.recordings.dataset.files import Source
 from bayestissue.recordings.dataset.formats.channel import unit_in_name
+from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.names import Pattern, columns
 
 

@@ -12,7 +12,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.base.resources import shared
-from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake import choices_of
 from bayestissue.recordings.intake.folder import File
 from bayestissue.recordings.intake.names import contradictions, guessed

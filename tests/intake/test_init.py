@@ -17,9 +17,9 @@ import bayestissue as bt
 from bayestissue.base.errors import InputError
 from bayestissue.commands import init as command
 from bayestissue.recordings.dataset import LowPassFilter
-from bayestissue.recordings.dataset.files import Source
 from bayestissue.recordings.dataset.left_out import reasons
 from bayestissue.recordings.dataset.recorders import contents_of
+from bayestissue.recordings.dataset.source_files import Source
 from command_line import bayestissue
 from dataset_bench import RATE, deceleration
 from page_reader import figures

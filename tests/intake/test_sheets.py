@@ -9,7 +9,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
-from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.source_files import Source
 from command_line import bayestissue
 from dataset_bench import deceleration
 from recorder_files import workbook, xlsx

@@ -14,8 +14,8 @@ import pytest
 import bayestissue as bt
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.clock_times import seconds
-from bayestissue.recordings.dataset.files import Source
 from bayestissue.recordings.dataset.recorders import contents_of
+from bayestissue.recordings.dataset.source_files import Source
 from command_line import bayestissue
 from dataset_bench import deceleration
 from recorder_files import Styled, xlsx

@@ -21,7 +21,7 @@ from bayestissue.model.likelihood.element.noise import LEAST_EIGENVALUE, colour_
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.model.likelihood.element.recorder import Colour, LowPass
 from bayestissue.model.likelihood.element.response import columns, response
-from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import autocorrelation, modes
 
 pytestmark = pytest.mark.slow

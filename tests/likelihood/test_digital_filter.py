@@ -12,7 +12,7 @@ from bayestissue.mechanics.elements import element, impact
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.model.likelihood.element.recorder import LowPass
 from bayestissue.model.likelihood.element.response import response
-from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import ahead_s, decay, modes
 
 DT, SAMPLES, VELOCITY = 5e-4, 40, 1.5

@@ -21,7 +21,7 @@ from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.recorder_noise import low_pass_of
 from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, ForceRows
-from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import on_even_grid
 
 pytestmark = pytest.mark.slow

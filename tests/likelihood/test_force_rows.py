@@ -16,7 +16,7 @@ from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_of
 from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, ForceRows
-from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import autocorrelation, on_even_grid
 
 K, C, MASS, VELOCITY = 3000.0, 25.0, 0.8, 1.4

@@ -14,7 +14,7 @@ from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoisePar
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.model.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed
 from bayestissue.model.likelihood.element.response import motion, response
-from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import delay, modes
 
 FILTERS = [

@@ -10,7 +10,7 @@ import pytest
 
 from bayestissue.base.literature import FACTOR, MEASURED, SITES, Range, comparable, measurements
 from bayestissue.base.words import NOUNS
-from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY
+from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY
 
 
 def named(short: str) -> list:

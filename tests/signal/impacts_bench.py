@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 
-from bayestissue.recordings.dataset.settings import Contact, Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Contact, Uncertainty
 
 
 @dataclass

@@ -9,8 +9,8 @@ from impacts_bench import Impact, Lab, Recorded, record
 from bayestissue.recordings.signal import SignalOptions, displacements
 from bayestissue.recordings.signal.contact import since_release
 from bayestissue.recordings.signal.displacement import BEFORE, NO_CONTACT, TOO_FEW
+from bayestissue.recordings.signal.padded_traces import stack
 from bayestissue.recordings.signal.quality import inspect, raised
-from bayestissue.recordings.signal.traces import stack
 
 PHASES = np.random.default_rng(3).uniform(size=40)
 

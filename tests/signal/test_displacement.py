@@ -9,7 +9,7 @@ from impacts_bench import Impact, Lab, Recorded, record
 
 from bayestissue.recordings.signal import SignalOptions, displacement, displacements
 from bayestissue.recordings.signal.displacement import SLOWLY, TOO_FEW
-from bayestissue.recordings.signal.settings import WindowSettings
+from bayestissue.recordings.signal.signal_settings import WindowSettings
 
 TISSUE = [Impact(np.sqrt(3000 / mass), zeta) for mass in (0.1, 0.666, 5.0) for zeta in (0.02, 0.28, 1.0, 2.0)]
 TYPICAL = Impact(67.0, 0.28)

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayestissue.recordings.signal.integration import cumulative
-from bayestissue.recordings.signal.traces import PaddedTraces, noise_sd
+from bayestissue.recordings.signal.integrals import cumulative
+from bayestissue.recordings.signal.padded_traces import PaddedTraces, noise_sd
 
 
 def rows(functions, lengths, dt):

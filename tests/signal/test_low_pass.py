@@ -11,8 +11,8 @@ from bayestissue.recordings.dataset import Dataset, LowPassFilter
 from bayestissue.recordings.signal import SignalOptions, displacements
 from bayestissue.recordings.signal.contact import find_onset
 from bayestissue.recordings.signal.filters import ahead_s
-from bayestissue.recordings.signal.quality.law import suspected
-from bayestissue.recordings.signal.traces import stack
+from bayestissue.recordings.signal.padded_traces import stack
+from bayestissue.recordings.signal.quality.force_laws import suspected
 from bayestissue.studies.checking import check
 from bayestissue.studies.simulation import Simulation, simulate
 

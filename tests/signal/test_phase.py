@@ -12,7 +12,7 @@ import bayestissue as bt
 from bayestissue.base.resources import shared
 from bayestissue.model.hierarchy.specification import read_specification
 from bayestissue.model.hierarchy.trace_data import prepare
-from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.recordings.signal import displacements
 from bayestissue.recordings.signal.displacement import NOT_ON_SAMPLE
 

@@ -11,12 +11,12 @@ from impacts_bench import Impact, Lab, Recorded, record
 from scipy.stats import binom
 
 from bayestissue.base.remedies import flags as flags_by_key
-from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.recordings.signal import SignalOptions
+from bayestissue.recordings.signal.padded_traces import stack
 from bayestissue.recordings.signal.quality import inspect, raised
 from bayestissue.recordings.signal.quality.samples import Recorded as Seen
 from bayestissue.recordings.signal.quality.samples import slope, wave
-from bayestissue.recordings.signal.traces import stack
 
 TYPICAL = Impact(67.0, 0.28)
 COUNT = 5

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import bessel, butter, freqs, sosfilt, sosfiltfilt
 
 from bayestissue.recordings.dataset import Dataset, Trace
-from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal import displacements
 from bayestissue.recordings.signal.filters import autocorrelation, white_share
 from bayestissue.studies.simulation import Simulation, simulate

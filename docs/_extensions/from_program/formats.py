@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bayestissue.recordings.dataset.formats import EACH
-from bayestissue.recordings.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
+from bayestissue.recordings.dataset.sample_tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from from_program.markdown import code, table
 
 

@@ -15,8 +15,8 @@ from pydantic_core import PydanticUndefined
 from bayestissue.mechanics.elements import element, element_names
 from bayestissue.model.hierarchy import priors
 from bayestissue.model.hierarchy.specification import ModelSpecification
-from bayestissue.recordings.dataset.impacts import COLUMNS, required_columns
-from bayestissue.recordings.dataset.settings import Settings
+from bayestissue.recordings.dataset.dataset_file import Settings
+from bayestissue.recordings.dataset.impact_table import COLUMNS, required_columns
 from bayestissue.studies.bench.campaign_file import CampaignSpecification
 from bayestissue.studies.planning.plan_file import PlanSpecification
 from bayestissue.studies.planning.planned_population import Known

@@ -104,7 +104,7 @@ def open_(
     """
     configure()
     from bayestissue.commands.console import echo
-    from bayestissue.recordings.dataset.settings import FILE as SETTINGS
+    from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
     from bayestissue.studies.bench.server import require_server, serve
 
     is_run = (folder / "run.json").is_file()

@@ -22,13 +22,13 @@ from bayestissue.inference.results.meanings import few_valued_words
 from bayestissue.inference.single.phantoms import control_chart
 from bayestissue.model.hierarchy.columns import few_valued
 from bayestissue.recordings.dataset import as_dataset
-from bayestissue.recordings.dataset.impacts import counts
+from bayestissue.recordings.dataset.impact_table import counts
 from bayestissue.recordings.signal import Displacements, displacements
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
 from bayestissue.recordings.signal.filters import white_share
 from bayestissue.recordings.signal.force import Force, force_beside
 from bayestissue.recordings.signal.quality import Findings, inspect, raised
-from bayestissue.recordings.signal.quality.law import suspected
+from bayestissue.recordings.signal.quality.force_laws import suspected
 from bayestissue.reports.pages.recordings_pages import check_page, kinds, quality_table
 
 if TYPE_CHECKING:

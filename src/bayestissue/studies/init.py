@@ -16,9 +16,9 @@ from bayestissue.base.settings import checked
 from bayestissue.recordings.dataset import Dataset, read_dataset
 from bayestissue.recordings.dataset.cells import REMEDY
 from bayestissue.recordings.dataset.dialect import Stated
-from bayestissue.recordings.dataset.files import Source
 from bayestissue.recordings.dataset.recorders import SUFFIXES
-from bayestissue.recordings.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES
+from bayestissue.recordings.dataset.sample_tables import TABLE_SUFFIXES, TEXT_SUFFIXES
+from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.build import Built, build
 from bayestissue.recordings.intake.choices import (
     BESIDE_FORCE,

@@ -15,9 +15,9 @@ from bayestissue.base.outline import Outlined, Rows
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.single.impact_estimates import by_impact, outcomes_in
 from bayestissue.recordings.dataset.arrays import dataset as dataset_of
+from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
+from bayestissue.recordings.dataset.dataset_file import arguments
 from bayestissue.recordings.dataset.model import Dataset
-from bayestissue.recordings.dataset.settings import FILE as SETTINGS
-from bayestissue.recordings.dataset.settings import arguments
 from bayestissue.recordings.signal import displacements
 from bayestissue.recordings.signal.quality import inspect
 from bayestissue.reports.figures.theme import Figure

@@ -17,9 +17,9 @@ from bayestissue.inference.checking.recording_checks import judge_peaks, missed_
 from bayestissue.model.hierarchy.specification import read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset import Dataset, Uncertainty
-from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.dataset.recorders import contents_of
-from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.studies.simulation import Simulation, simulate
 
 DT = 1 / 51_200

@@ -13,7 +13,7 @@ from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.points.point_fit import PointFit, fit_points
 from bayestissue.mechanics.oscillator import impact_motion, spring_damper_inverse, time_to_peak
 from bayestissue.recordings.dataset import Dataset, Trace
-from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.recordings.signal import SignalOptions, displacements
 from dataset_bench import settings_of
 

@@ -10,7 +10,7 @@ from bayestissue.inference.checking.recording_checks import (
     unused_channels,
 )
 from bayestissue.inference.points.notes import ANOTHER_VELOCITY
-from bayestissue.recordings.dataset.settings import ChannelSettings
+from bayestissue.recordings.dataset.dataset_file import ChannelSettings
 
 SOUND = {
     "passed": True,

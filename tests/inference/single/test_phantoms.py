@@ -14,8 +14,8 @@ from bayestissue.inference.points.notes import PHANTOM, people_alone
 from bayestissue.inference.single import phantoms
 from bayestissue.inference.single.phantoms import apart, control_chart, prepare_without_phantoms
 from bayestissue.recordings.dataset import Dataset
-from bayestissue.recordings.dataset.impacts import REFERENCE, counts, of_phantoms
-from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Uncertainty
+from bayestissue.recordings.dataset.impact_table import REFERENCE, counts, of_phantoms
 from bayestissue.studies.estimates import estimate_figure, level, page_of
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.simulation import Simulation, simulate

@@ -58,7 +58,7 @@ from bayestissue.inference.samplers.sampling import interval
 from bayestissue.model.hierarchy.columns import not_used
 from bayestissue.model.hierarchy.formulas.formula import interactions
 from bayestissue.model.hierarchy.recorded import Condition, Recorded, label_of
-from bayestissue.recordings.dataset.impacts import SESSIONS
+from bayestissue.recordings.dataset.impact_table import SESSIONS
 
 ALL = "mean of all"
 ALSO = "also differs: "

@@ -21,7 +21,7 @@ from bayestissue.mechanics.elements.whole_impact import loops_of
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
 from bayestissue.model.hierarchy.responses import RESPONSES
-from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY
+from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY
 
 NO_LAW = Coded.stated("not-simulated.law")
 DROP_HEIGHT = "drop_height_cm"

@@ -46,7 +46,7 @@ from bayestissue.model.hierarchy.levels import NEW
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.recordings.dataset.cells import Records, alike, in_whatever_case, read_cells
-from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.source_files import Source
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = COLUMNS | OUTCOME_COLUMNS

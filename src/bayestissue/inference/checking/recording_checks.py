@@ -18,7 +18,7 @@ from bayestissue.base.remedies import entries, sentence
 from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.checking.model_form import NAMED
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY, ChannelSettings
+from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY, ChannelSettings
 
 if TYPE_CHECKING:
     from bayestissue.recordings.dataset import Dataset

@@ -24,7 +24,7 @@ from bayestissue.inference.points.notes import (
 )
 from bayestissue.inference.points.point_fit import Column, fit_points
 from bayestissue.mechanics.oscillator import peak_displacement
-from bayestissue.recordings.dataset.impacts import of_phantoms
+from bayestissue.recordings.dataset.impact_table import of_phantoms
 from bayestissue.recordings.signal import Displacements
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
 from bayestissue.recordings.signal.quality import Findings, raised

@@ -31,7 +31,7 @@ from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, common_depth
-from bayestissue.recordings.dataset.impacts import RESERVED
+from bayestissue.recordings.dataset.impact_table import RESERVED
 
 
 def posterior_tree(

@@ -46,7 +46,7 @@ from bayestissue.model.hierarchy.design import build_design
 from bayestissue.model.hierarchy.specification import Formulas, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, assemble, facts_of
 from bayestissue.recordings.dataset import as_dataset
-from bayestissue.recordings.dataset.impacts import of_phantoms
+from bayestissue.recordings.dataset.impact_table import of_phantoms
 from bayestissue.recordings.signal import Displacements, SignalOptions, displacements
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
 from bayestissue.recordings.signal.quality import Findings, inspect

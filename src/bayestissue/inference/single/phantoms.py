@@ -12,7 +12,7 @@ from bayestissue.base.errors import InputError, Problem, along_with, refuse
 from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.model.hierarchy.reference import HALF_WIDTH, Reference, mass_factor, with_declared
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.recordings.dataset.impacts import REFERENCE, of_phantoms, session_column
+from bayestissue.recordings.dataset.impact_table import REFERENCE, of_phantoms, session_column
 
 # No mass is wrong by such a factor: a unit is.
 _FAR = 10.0

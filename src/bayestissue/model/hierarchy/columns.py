@@ -14,7 +14,7 @@ from bayestissue.model.hierarchy.formulas.formula import resolve
 from bayestissue.model.hierarchy.formulas.group_terms import labels_of, quoted
 from bayestissue.model.hierarchy.recorded import Recorded
 from bayestissue.recordings.dataset.cells import HEIGHTS
-from bayestissue.recordings.dataset.impacts import REFERENCE, RESERVED
+from bayestissue.recordings.dataset.impact_table import REFERENCE, RESERVED
 
 # What every study has, and what `bayestissue init` fills besides: counts of repeats, and heights of drops.
 USUAL = (

@@ -18,7 +18,7 @@ from bayestissue.recordings.signal import Displacements
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
 from bayestissue.recordings.signal.filters import ahead_s, decay, delay, white_share
 from bayestissue.recordings.signal.force import Force, force_beside
-from bayestissue.recordings.signal.traces import PaddedTraces, segment_moments, stack, standard_error
+from bayestissue.recordings.signal.padded_traces import PaddedTraces, segment_moments, stack, standard_error
 
 # The zero is the mean of what ends so many samples before the first one in contact.
 _CLEAR = 3

@@ -20,7 +20,7 @@ import xarray as xr
 from bayestissue.model.hierarchy.formulas.formula import Evaluated, Terms, categories_of_numbers, terms_of
 from bayestissue.model.hierarchy.formulas.group_terms import Grouping, GroupTerm, grouping_of, labels_of
 from bayestissue.model.hierarchy.formulas.identifiability import RESERVED_DIMENSIONS, RESERVED_STEMS
-from bayestissue.recordings.dataset.impacts import RESERVED
+from bayestissue.recordings.dataset.impact_table import RESERVED
 
 Condition = Mapping[str, str | float]
 _CHOSEN = ("mass_kg", "velocity_m_s", "trial")

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayestissue.model.likelihood.element.noise import colour_of
 from bayestissue.model.likelihood.element.recorder import Colour, LowPass
-from bayestissue.recordings.dataset.settings import LowPassFilter
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import ahead_s, autocorrelation
 from bayestissue.recordings.signal.filters import modes as filter_modes
 

@@ -45,9 +45,9 @@ from bayestissue.model.likelihood.arma.displacements import displacement_record
 from bayestissue.model.likelihood.element.noise import discrepancy_modes
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
 from bayestissue.model.likelihood.element.recorder import Colour, LowPass
+from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.dataset.model import Dataset
-from bayestissue.recordings.dataset.settings import FILE as SETTINGS
-from bayestissue.recordings.dataset.settings import LowPassFilter
 from bayestissue.recordings.signal import Displacements, displacements
 from bayestissue.recordings.signal.displacement import BEFORE, BELOW_ZERO, FEWEST_SAMPLES
 from bayestissue.recordings.signal.filters import delay, white_share

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter, Quantity, Uncertainty
 from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.recordings.dataset.ragged_traces import Trace, Traces
 from bayestissue.recordings.dataset.read import as_dataset, read_dataset
-from bayestissue.recordings.dataset.settings import LowPassFilter, Quantity, Uncertainty
-from bayestissue.recordings.dataset.traces import Trace, Traces
 from bayestissue.recordings.dataset.write import write_dataset
 
 __all__ = [

@@ -15,14 +15,8 @@ from bayestissue.base.declarations import taking
 from bayestissue.base.errors import InputError, Problem, all_of, along_with, refuse
 from bayestissue.recordings.dataset.cells import FILE as IMPACTS
 from bayestissue.recordings.dataset.cells import Records, column_problems
-from bayestissue.recordings.dataset.formats.channel import Channel, Contents, Labels
-from bayestissue.recordings.dataset.impacts import impact_table, required_columns
-from bayestissue.recordings.dataset.model import Dataset
-from bayestissue.recordings.dataset.read import checked_dataset, in_words
-from bayestissue.recordings.dataset.recorders import at_own_clock, clocks_beside, long_reading, on_first_clock
-from bayestissue.recordings.dataset.recordings import Reading
-from bayestissue.recordings.dataset.settings import FILE as SETTINGS
-from bayestissue.recordings.dataset.settings import (
+from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
+from bayestissue.recordings.dataset.dataset_file import (
     PLACES,
     ChannelSettings,
     Settings,
@@ -33,7 +27,13 @@ from bayestissue.recordings.dataset.settings import (
     plain_value,
     reworded,
 )
-from bayestissue.recordings.dataset.traces import Trace
+from bayestissue.recordings.dataset.formats.channel import Channel, Contents, Labels
+from bayestissue.recordings.dataset.impact_table import impact_table, required_columns
+from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.recordings.dataset.ragged_traces import Trace
+from bayestissue.recordings.dataset.read import checked_dataset, in_words
+from bayestissue.recordings.dataset.recorders import at_own_clock, clocks_beside, long_reading, on_first_clock
+from bayestissue.recordings.dataset.recordings import Reading
 
 # What messages call the tables, and the keys in them.
 _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"

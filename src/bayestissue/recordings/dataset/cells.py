@@ -20,7 +20,7 @@ from bayestissue.base.errors import InputError, Problem, has_control_characters,
 from bayestissue.base.outline import counted
 from bayestissue.base.results.tables import as_written
 from bayestissue.recordings.dataset.dialect import NAMES, Dialect, text_table
-from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.source_files import Source
 
 FILE = "impacts.csv"
 REMEDY = "Write one: a header and one row per impact; docs/how-to/write-a-dataset.md shows how."

@@ -20,7 +20,7 @@ from pydantic import ConfigDict, Field
 
 from bayestissue.base.errors import InputError
 from bayestissue.base.settings import Table
-from bayestissue.recordings.dataset.files import (
+from bayestissue.recordings.dataset.source_files import (
     FILES,
     Source,
     as_utf8,

@@ -13,7 +13,7 @@ from bayestissue.base.remedies import entries
 from bayestissue.base.results.files import sync_folder, whole_file
 from bayestissue.base.results.tables import csv_text
 from bayestissue.recordings.dataset.cells import read_cells
-from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.source_files import Source
 
 FILE = "left_out.csv"
 # How the reason of a recording begins that `bayestissue init --skip-bad` left out, and impacts.csv lacks.

@@ -14,8 +14,7 @@ from jaxtyping import Bool
 from bayestissue.base.errors import Problem
 from bayestissue.base.outline import Outlined, Rows, counted, short, span
 from bayestissue.recordings.dataset.cells import FILE as IMPACTS
-from bayestissue.recordings.dataset.impacts import counts, of_phantoms
-from bayestissue.recordings.dataset.settings import (
+from bayestissue.recordings.dataset.dataset_file import (
     ChannelSettings,
     Contact,
     LowPassFilter,
@@ -24,7 +23,8 @@ from bayestissue.recordings.dataset.settings import (
     SignalSettings,
     Uncertainty,
 )
-from bayestissue.recordings.dataset.traces import Traces
+from bayestissue.recordings.dataset.impact_table import counts, of_phantoms
+from bayestissue.recordings.dataset.ragged_traces import Traces
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int
 
+from bayestissue.recordings.dataset.dataset_file import Quantity
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
-from bayestissue.recordings.dataset.settings import Quantity
-from bayestissue.recordings.dataset.traces import Traces
+from bayestissue.recordings.dataset.ragged_traces import Traces
 
 
 @dataclass(frozen=True, eq=False)

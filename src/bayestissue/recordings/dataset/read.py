@@ -15,23 +15,28 @@ from jaxtyping import Float64
 from bayestissue.base.errors import InputError, Problem, along_with, collected
 from bayestissue.base.runtime import content_hash
 from bayestissue.recordings.dataset.cells import HEIGHTS
-from bayestissue.recordings.dataset.checks import OF_SAMPLES, against_first, check_recordings, stated_problems
-from bayestissue.recordings.dataset.impacts import FILE as IMPACTS
-from bayestissue.recordings.dataset.impacts import ImpactTable, read_impacts
-from bayestissue.recordings.dataset.left_out import FILE as LEFT_OUT
-from bayestissue.recordings.dataset.left_out import LeftOut, read_left_out
-from bayestissue.recordings.dataset.model import Dataset
-from bayestissue.recordings.dataset.plausible import PLAUSIBLE
-from bayestissue.recordings.dataset.recorders import read_recordings
-from bayestissue.recordings.dataset.recordings import Reading, Recordings, crop, windows_of, with_limits
-from bayestissue.recordings.dataset.settings import FILE as SETTINGS
-from bayestissue.recordings.dataset.settings import (
+from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
+from bayestissue.recordings.dataset.dataset_file import (
     STANDARD_GRAVITY,
     ChannelSettings,
     Settings,
     SignalSettings,
     read_settings,
 )
+from bayestissue.recordings.dataset.impact_table import FILE as IMPACTS
+from bayestissue.recordings.dataset.impact_table import ImpactTable, read_impacts
+from bayestissue.recordings.dataset.left_out import FILE as LEFT_OUT
+from bayestissue.recordings.dataset.left_out import LeftOut, read_left_out
+from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.recordings.dataset.plausible import PLAUSIBLE
+from bayestissue.recordings.dataset.recorders import read_recordings
+from bayestissue.recordings.dataset.recording_checks import (
+    OF_SAMPLES,
+    against_first,
+    check_recordings,
+    stated_problems,
+)
+from bayestissue.recordings.dataset.recordings import Reading, Recordings, crop, windows_of, with_limits
 
 WORKBOOK = "impacts.xlsx"
 

@@ -19,7 +19,7 @@ from jaxtyping import Int
 
 from bayestissue.base.errors import InputError, Problem, all_of, refuse
 from bayestissue.recordings.dataset.clock_times import within_a_day
-from bayestissue.recordings.dataset.files import Source, decoded, require_small
+from bayestissue.recordings.dataset.dataset_file import ChannelSettings, Settings, SignalSettings
 from bayestissue.recordings.dataset.formats import FORMATS, labview
 from bayestissue.recordings.dataset.formats.channel import (
     Channel,
@@ -29,7 +29,8 @@ from bayestissue.recordings.dataset.formats.channel import (
     UnfitError,
     unit_in_name,
 )
-from bayestissue.recordings.dataset.impacts import ImpactTable
+from bayestissue.recordings.dataset.impact_table import ImpactTable
+from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES, Trace
 from bayestissue.recordings.dataset.recordings import (
     Reading,
     Samples,
@@ -39,9 +40,8 @@ from bayestissue.recordings.dataset.recordings import (
     numbers_in,
     windows_of,
 )
-from bayestissue.recordings.dataset.settings import ChannelSettings, Settings, SignalSettings
-from bayestissue.recordings.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, read_table
-from bayestissue.recordings.dataset.traces import MIN_SAMPLES, Trace
+from bayestissue.recordings.dataset.sample_tables import TABLE_SUFFIXES, TEXT_SUFFIXES, read_table
+from bayestissue.recordings.dataset.source_files import Source, decoded, require_small
 from bayestissue.recordings.dataset.units import dimension_of, to_si
 
 LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.xlsx", "traces.parquet")

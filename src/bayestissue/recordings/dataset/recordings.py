@@ -13,16 +13,16 @@ import pandas as pd
 from jaxtyping import Bool, Float64, Int, Shaped
 
 from bayestissue.base.errors import Problem
-from bayestissue.recordings.dataset.motion import Motion, motion
-from bayestissue.recordings.dataset.settings import (
+from bayestissue.recordings.dataset.dataset_file import (
     ChannelQuantity,
     LowPassFilter,
     Quantity,
     SignalSettings,
     Uncertainty,
 )
-from bayestissue.recordings.dataset.tables import BEYOND_LIMIT
-from bayestissue.recordings.dataset.traces import Traces, at_limit
+from bayestissue.recordings.dataset.motion import Motion, motion
+from bayestissue.recordings.dataset.ragged_traces import Traces, at_limit
+from bayestissue.recordings.dataset.sample_tables import BEYOND_LIMIT
 from bayestissue.recordings.dataset.units import to_si
 
 # The columns of `impacts.csv` that state a stretch.

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from bayestissue.base.errors import Problem
+from bayestissue.recordings.dataset.ragged_traces import RATE_WITHIN, Traces
 from bayestissue.recordings.dataset.recordings import Recordings
-from bayestissue.recordings.dataset.traces import RATE_WITHIN, Traces
 
 
 @dataclass(frozen=True)

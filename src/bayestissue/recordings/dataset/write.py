@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 
 from bayestissue.base.results.tables import as_text, write_table
 from bayestissue.base.settings import allowed_keys
+from bayestissue.recordings.dataset.dataset_file import Settings, parse_settings
 from bayestissue.recordings.dataset.dialect import Stated
-from bayestissue.recordings.dataset.settings import Settings, parse_settings
 
 TraceFile = Literal["traces.csv", "traces.csv.gz", "traces.parquet"]
 

@@ -17,20 +17,20 @@ from bayestissue.base.declarations import sentences
 from bayestissue.base.errors import InputError, Problem, collected, refuse
 from bayestissue.base.outline import counted, first_of
 from bayestissue.recordings.dataset import Dataset, Trace, read_dataset, write_dataset
+from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
+from bayestissue.recordings.dataset.dataset_file import SignalSettings, parse_settings, reworded
 from bayestissue.recordings.dataset.dialect import Stated
-from bayestissue.recordings.dataset.files import Source
 from bayestissue.recordings.dataset.left_out import NEVER_READ, reason_of, write_left_out
+from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES, Traces
 from bayestissue.recordings.dataset.recorders import read_one
 from bayestissue.recordings.dataset.recordings import CROP, ends_of
-from bayestissue.recordings.dataset.settings import FILE as SETTINGS
-from bayestissue.recordings.dataset.settings import SignalSettings, parse_settings, reworded
-from bayestissue.recordings.dataset.traces import MIN_SAMPLES, Traces
+from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.choices import PLACES, Choices, Cutting, require_steady
 from bayestissue.recordings.intake.facts import Facts
 from bayestissue.recordings.intake.folder import File, RecorderFolder
 from bayestissue.recordings.signal.displacement import Displacements, displacements
-from bayestissue.recordings.signal.settings import CONTACT
-from bayestissue.recordings.signal.traces import noise_sd, stack
+from bayestissue.recordings.signal.padded_traces import noise_sd, stack
+from bayestissue.recordings.signal.signal_settings import CONTACT
 
 RECORDINGS = "recordings"
 FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")

@@ -14,10 +14,10 @@ from pydantic import Field
 
 from bayestissue.base.errors import InputError, Problem, refuse
 from bayestissue.base.settings import Argument, Table, argument, checked
-from bayestissue.recordings.dataset.impacts import WITHIN, in_two_levels
-from bayestissue.recordings.dataset.settings import DIMENSIONS, arguments, content_of, plain_value
-from bayestissue.recordings.dataset.settings import PLACES as KEYS
-from bayestissue.recordings.dataset.traces import MIN_SAMPLES, RATE_WITHIN
+from bayestissue.recordings.dataset.dataset_file import DIMENSIONS, arguments, content_of, plain_value
+from bayestissue.recordings.dataset.dataset_file import PLACES as KEYS
+from bayestissue.recordings.dataset.impact_table import WITHIN, in_two_levels
+from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.recordings.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.recordings.intake.facts import Facts
 from bayestissue.recordings.intake.folder import ChannelSummary, File, RecorderFolder

@@ -11,7 +11,7 @@ import pandas as pd
 from bayestissue.base.errors import InputError, Problem, collected, refuse
 from bayestissue.base.outline import first_of
 from bayestissue.recordings.dataset.cells import in_case_of, read_cells, with_subject
-from bayestissue.recordings.dataset.files import Source
+from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.folder import File, RecorderFolder
 from bayestissue.recordings.intake.names import (
     NUMBERS,

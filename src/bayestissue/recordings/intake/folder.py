@@ -13,11 +13,11 @@ import numpy as np
 from bayestissue.base.errors import InputError, Problem
 from bayestissue.base.outline import first_of
 from bayestissue.recordings.dataset.dialect import Stated
-from bayestissue.recordings.dataset.files import Source, sheet_names, suffix_of
 from bayestissue.recordings.dataset.formats.channel import Contents
+from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES
 from bayestissue.recordings.dataset.recorders import SUFFIXES, contents_of, is_text_of_numbers
-from bayestissue.recordings.dataset.tables import TEXT_SUFFIXES
-from bayestissue.recordings.dataset.traces import MIN_SAMPLES
+from bayestissue.recordings.dataset.sample_tables import TEXT_SUFFIXES
+from bayestissue.recordings.dataset.source_files import Source, sheet_names, suffix_of
 
 _DIGITS = re.compile(r"(\d+)")
 

@@ -15,8 +15,8 @@ import pyarrow.compute as pc
 from bayestissue.base.declarations import declared
 from bayestissue.base.errors import InputError, Problem, refuse
 from bayestissue.recordings.dataset.cells import HEIGHTS, number_in
-from bayestissue.recordings.dataset.files import Source
-from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY
+from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY
+from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.folder import File
 
 # 1,234 may be a thousand and some, or one and some.

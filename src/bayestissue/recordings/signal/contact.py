@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY, Quantity
-from bayestissue.recordings.dataset.traces import Trace, Traces
-from bayestissue.recordings.signal.settings import CONTACT, SignalOptions
-from bayestissue.recordings.signal.traces import (
+from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY, Quantity
+from bayestissue.recordings.dataset.ragged_traces import Trace, Traces
+from bayestissue.recordings.signal.padded_traces import (
     Column,
     Index,
     Mask,
@@ -25,6 +24,7 @@ from bayestissue.recordings.signal.traces import (
     stack,
     standard_error,
 )
+from bayestissue.recordings.signal.signal_settings import CONTACT, SignalOptions
 
 type LastBelow = Callable[[Column], Index]
 

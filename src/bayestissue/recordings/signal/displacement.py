@@ -12,11 +12,8 @@ from bayestissue.base.errors import Coded, by_impact
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.signal.contact import Onset, displacement_contact, find_onset, motion_of
 from bayestissue.recordings.signal.filters import ahead_s
-from bayestissue.recordings.signal.integration import Rule, clear_velocity, cumulative, derivatives
-from bayestissue.recordings.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
-from bayestissue.recordings.signal.settings import CONTACT, WINDOW, SignalOptions, Window
-from bayestissue.recordings.signal.start import Start, beyond_limit, find_start
-from bayestissue.recordings.signal.traces import (
+from bayestissue.recordings.signal.integrals import Rule, clear_velocity, cumulative, derivatives
+from bayestissue.recordings.signal.padded_traces import (
     Column,
     ImpactTraces,
     Index,
@@ -28,6 +25,9 @@ from bayestissue.recordings.signal.traces import (
     last_where,
     noise_sd,
 )
+from bayestissue.recordings.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
+from bayestissue.recordings.signal.signal_settings import CONTACT, WINDOW, SignalOptions, Window
+from bayestissue.recordings.signal.start import Start, beyond_limit, find_start
 
 FEWEST_SAMPLES = 8
 TOO_FEW = Coded.stated("too-few-samples", fewest=FEWEST_SAMPLES)

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Complex, Float, Num
 from scipy.linalg import toeplitz
 
-from bayestissue.recordings.dataset.settings import LowPassFilter
-from bayestissue.recordings.signal.settings import FILTER
-from bayestissue.recordings.signal.traces import Column, Rows
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
+from bayestissue.recordings.signal.padded_traces import Column, Rows
+from bayestissue.recordings.signal.signal_settings import FILTER
 
 if TYPE_CHECKING:
     from bayestissue.recordings.dataset.model import Dataset

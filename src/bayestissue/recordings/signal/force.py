@@ -25,12 +25,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bayestissue.recordings.dataset.dataset_file import ChannelSettings, LowPassFilter
 from bayestissue.recordings.dataset.model import Dataset
-from bayestissue.recordings.dataset.settings import ChannelSettings, LowPassFilter
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES, Displacements
 from bayestissue.recordings.signal.filters import on_even_grid
-from bayestissue.recordings.signal.integration import trapezoids
-from bayestissue.recordings.signal.traces import (
+from bayestissue.recordings.signal.integrals import trapezoids
+from bayestissue.recordings.signal.padded_traces import (
     Column,
     Index,
     Mask,

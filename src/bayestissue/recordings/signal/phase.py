@@ -33,9 +33,9 @@ from jaxtyping import Float
 from scipy.special import log_ndtr, logsumexp, softmax
 from scipy.stats import norm
 
-from bayestissue.recordings.dataset.settings import Contact
-from bayestissue.recordings.signal.settings import PHASE
-from bayestissue.recordings.signal.traces import Column, Mask
+from bayestissue.recordings.dataset.dataset_file import Contact
+from bayestissue.recordings.signal.padded_traces import Column, Mask
+from bayestissue.recordings.signal.signal_settings import PHASE
 
 Kind = Literal["between", "first", "before", "undecided"]
 

@@ -18,8 +18,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.recordings.signal.settings import BEYOND_LIMIT
-from bayestissue.recordings.signal.traces import Column, ImpactTraces, Index, Mask, Rows, at, first_where
+from bayestissue.recordings.signal.padded_traces import (
+    Column,
+    ImpactTraces,
+    Index,
+    Mask,
+    Rows,
+    at,
+    first_where,
+)
+from bayestissue.recordings.signal.signal_settings import BEYOND_LIMIT
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,8 @@ from pydantic import Field
 from bayestissue.base.errors import InputError, Problem, refuse
 from bayestissue.base.settings import Table, checked, parse_toml, read_text
 from bayestissue.recordings.dataset.cells import read_cells
-from bayestissue.recordings.dataset.files import Source
-from bayestissue.recordings.dataset.impacts import required_columns
-from bayestissue.recordings.dataset.recorders import SUFFIXES
-from bayestissue.recordings.dataset.settings import FILE as SETTINGS
-from bayestissue.recordings.dataset.settings import (
+from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
+from bayestissue.recordings.dataset.dataset_file import (
     ImpactorSettings,
     LowPassFilter,
     Settings,
@@ -25,7 +22,10 @@ from bayestissue.recordings.dataset.settings import (
     WordSettings,
     parse_settings,
 )
-from bayestissue.recordings.dataset.tables import TEXT_SUFFIXES
+from bayestissue.recordings.dataset.impact_table import required_columns
+from bayestissue.recordings.dataset.recorders import SUFFIXES
+from bayestissue.recordings.dataset.sample_tables import TEXT_SUFFIXES
+from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.facts import Cells
 from bayestissue.recordings.intake.names import Pattern, columns, fills
 from bayestissue.studies.simulation.simulation_file import Positive

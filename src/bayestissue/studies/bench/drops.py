@@ -28,13 +28,13 @@ from bayestissue.recordings.dataset import Dataset
 from bayestissue.recordings.dataset.arrays import plain_text
 from bayestissue.recordings.dataset.cells import FILE as IMPACTS
 from bayestissue.recordings.dataset.cells import Records, read_cells
-from bayestissue.recordings.dataset.files import Source, suffix_of
-from bayestissue.recordings.dataset.impacts import REFERENCE, RESERVED, impact_table, required_columns
+from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
+from bayestissue.recordings.dataset.impact_table import REFERENCE, RESERVED, impact_table, required_columns
 from bayestissue.recordings.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.recordings.dataset.left_out import left_out_text, reasons, write_left_out
 from bayestissue.recordings.dataset.read import checked_dataset
 from bayestissue.recordings.dataset.recorders import read_files
-from bayestissue.recordings.dataset.settings import FILE as SETTINGS
+from bayestissue.recordings.dataset.source_files import Source, suffix_of
 from bayestissue.recordings.dataset.write import settings_text
 from bayestissue.recordings.intake.build import FIRST, RECORDINGS, cut
 from bayestissue.recordings.intake.facts import Cells

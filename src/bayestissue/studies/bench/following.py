@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from bayestissue.recordings.dataset.files import suffix_of
 from bayestissue.recordings.dataset.recorders import SUFFIXES
+from bayestissue.recordings.dataset.source_files import suffix_of
 from bayestissue.recordings.intake.folder import files_within, natural
 
 

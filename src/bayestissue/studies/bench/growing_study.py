@@ -31,7 +31,7 @@ from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import Formulas
 from bayestissue.model.hierarchy.trace_data import prepare
-from bayestissue.recordings.dataset.impacts import REFERENCE, RESERVED
+from bayestissue.recordings.dataset.impact_table import REFERENCE, RESERVED
 from bayestissue.recordings.intake.facts import Cells
 from bayestissue.reports.pages.wording import estimated
 from bayestissue.studies.bench.campaign_file import WatchedCampaign

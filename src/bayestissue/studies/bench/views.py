@@ -15,7 +15,7 @@ from bayestissue.base.words import PLAIN, Words
 from bayestissue.inference.points.notes import PHANTOM
 from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.recordings.dataset import read_dataset
-from bayestissue.recordings.dataset.impacts import required_columns
+from bayestissue.recordings.dataset.impact_table import required_columns
 from bayestissue.studies.bench.decisions import Decisions, one_line
 from bayestissue.studies.bench.growing_study import level
 from bayestissue.studies.bench.verdict import verdict

@@ -31,7 +31,7 @@ from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.model.hierarchy.trace_models import with_normal_errors
-from bayestissue.recordings.dataset.settings import Gravity, LowPassFilter
+from bayestissue.recordings.dataset.dataset_file import Gravity, LowPassFilter
 from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
 from bayestissue.studies.simulation.campaign import simulate
 from bayestissue.studies.simulation.simulation_file import (

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field
 
 from bayestissue.base import runtime
 from bayestissue.base.settings import Table, checked, only, parse_toml, read_text
-from bayestissue.recordings.dataset.settings import Gravity, LowPassFilter, WordSettings
+from bayestissue.recordings.dataset.dataset_file import Gravity, LowPassFilter, WordSettings
 from bayestissue.studies.planning.planned_population import BLOCK, PlannedPopulation
 from bayestissue.studies.simulation.simulation_file import Condition, Factor, Positive, RecordedDeceleration
 

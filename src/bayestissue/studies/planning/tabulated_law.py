@@ -22,7 +22,7 @@ from bayestissue.inference.answers.law import MET, Law, Values
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification
-from bayestissue.recordings.dataset.settings import Gravity, gravity_m_s2
+from bayestissue.recordings.dataset.dataset_file import Gravity, gravity_m_s2
 from bayestissue.studies.planning.plan_settings import TABULATION as SETTINGS
 
 if TYPE_CHECKING:

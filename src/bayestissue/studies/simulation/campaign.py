@@ -24,10 +24,10 @@ from bayestissue.mechanics.oscillator import impact_motion, spring_damper_invers
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.recordings.dataset import write_dataset
-from bayestissue.recordings.dataset.impacts import REFERENCE
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter, Settings, gravity_m_s2
+from bayestissue.recordings.dataset.impact_table import REFERENCE
 from bayestissue.recordings.dataset.model import Dataset, long_table
-from bayestissue.recordings.dataset.settings import LowPassFilter, Settings, gravity_m_s2
-from bayestissue.recordings.dataset.traces import Traces
+from bayestissue.recordings.dataset.ragged_traces import Traces
 from bayestissue.recordings.signal.filters import decay, on_even_grid
 from bayestissue.studies.simulation.simulation_file import Phantom, RecordedForce, Simulation, Tissue
 

@@ -14,7 +14,7 @@ from bayestissue.base import runtime
 from bayestissue.base.settings import Table, checked, only, read_toml
 from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.model.hierarchy.priors import term_of_group, term_of_slope
-from bayestissue.recordings.dataset.settings import (
+from bayestissue.recordings.dataset.dataset_file import (
     Contact,
     Finite,
     Gravity,

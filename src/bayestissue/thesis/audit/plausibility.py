@@ -17,7 +17,7 @@ from statsmodels.robust.robust_linear_model import RLM
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
 from bayestissue.mechanics.oscillator import peak_displacement, time_to_peak
-from bayestissue.recordings.signal.integration import trapezoids
+from bayestissue.recordings.signal.integrals import trapezoids
 from bayestissue.thesis.audit.inconsistencies import AuditedImpacts, Numbers, number_list
 
 # Of a made-up blow.

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from bayestissue.recordings.dataset.files import require_small
 from bayestissue.recordings.dataset.formats.channel import (
     Channel,
     Contents,
@@ -17,6 +16,7 @@ from bayestissue.recordings.dataset.formats.channel import (
     clock_of,
     unique,
 )
+from bayestissue.recordings.dataset.source_files import require_small
 
 
 def read(data: bytes, label: str) -> Contents:

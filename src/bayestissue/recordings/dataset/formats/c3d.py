@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayestissue.recordings.dataset.files import require_small
 from bayestissue.recordings.dataset.formats.channel import (
     Channel,
     Contents,
@@ -23,6 +22,7 @@ from bayestissue.recordings.dataset.formats.channel import (
     clock_of,
     unique,
 )
+from bayestissue.recordings.dataset.source_files import require_small
 
 # Bytes of a block, the second byte of every file, and the numbers of a point: x, y, z and its residual.
 BLOCK, KEY, COORDINATES = 512, 0x50, 4

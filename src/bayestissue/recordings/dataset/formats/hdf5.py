@@ -6,8 +6,8 @@ import io
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from bayestissue.recordings.dataset.files import require_small
 from bayestissue.recordings.dataset.formats.channel import Contents, Format, of_arrays
+from bayestissue.recordings.dataset.source_files import require_small
 
 if TYPE_CHECKING:
     import h5py

@@ -17,8 +17,8 @@ import pyarrow as pa
 from jaxtyping import Float64
 
 from bayestissue.recordings.dataset import clock_times
-from bayestissue.recordings.dataset.files import require_small
 from bayestissue.recordings.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
+from bayestissue.recordings.dataset.source_files import require_small
 
 SUFFIX = ".lvm"
 # As many bytes as show whether a text is LabVIEW's: it begins with its name, and a header has an end.

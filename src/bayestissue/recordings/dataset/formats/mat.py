@@ -13,9 +13,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bayestissue.recordings.dataset.files import require_small
 from bayestissue.recordings.dataset.formats import hdf5
 from bayestissue.recordings.dataset.formats.channel import Contents, Format, of_arrays
+from bayestissue.recordings.dataset.source_files import require_small
 
 # How numbers are kept, by the type of the data element.
 _KEPT = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}

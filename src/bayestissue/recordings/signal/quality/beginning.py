@@ -25,12 +25,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
-from bayestissue.recordings.dataset.settings import Uncertainty
+from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.recordings.signal.displacement import Displacements
-from bayestissue.recordings.signal.integration import trapezoids
+from bayestissue.recordings.signal.integrals import trapezoids
+from bayestissue.recordings.signal.padded_traces import Column, Index, Mask, Rows
 from bayestissue.recordings.signal.quality.samples import Recorded, chance
-from bayestissue.recordings.signal.settings import BEGINNING
-from bayestissue.recordings.signal.traces import Column, Index, Mask, Rows
+from bayestissue.recordings.signal.signal_settings import BEGINNING
 
 type State = Float[np.ndarray, "4 ..."]
 type Terms = Float[np.ndarray, "*row term"]

@@ -12,10 +12,10 @@ from bayestissue.base.remedies import flags
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.signal.contact import motion_of
 from bayestissue.recordings.signal.displacement import displacements
-from bayestissue.recordings.signal.quality import beginning, law, samples, velocity
+from bayestissue.recordings.signal.padded_traces import Column, Index, Mask
+from bayestissue.recordings.signal.quality import beginning, force_laws, samples, velocity
 from bayestissue.recordings.signal.quality.samples import Recorded
-from bayestissue.recordings.signal.settings import PULSE, SignalOptions
-from bayestissue.recordings.signal.traces import Column, Index, Mask
+from bayestissue.recordings.signal.signal_settings import PULSE, SignalOptions
 
 # By the key of `bayestissue.base.remedies.flags`: of each impact what was found in words, empty where nothing
 # was.
@@ -130,16 +130,16 @@ def _inspected(
         return
     # A law is asked of whole recordings.
     used = signal.inside & (limited == 0)[:, None]
-    other_gravity = law.another_gravity(signal, used, recorded)
+    other_gravity = force_laws.another_gravity(signal, used, recorded)
     key = "gravity.declared" if part.gravity else "gravity.undeclared"
-    yield _found(key, other_gravity, law.gravity_tried(signal))
+    yield _found(key, other_gravity, force_laws.gravity_tried(signal))
     named = np.array([[bool(words) for words in said] for _, said in findings]).any(axis=0)
     of_part = velocity.implied(signal, recorded, part.uncertainty)
     # What has another name is no velocity.
     usable = of_part.usable & ~named
     implied.append(of_part._replace(usable=usable, explained=of_part.explained & usable & ~other_gravity))
     unnamed = used & ~(named | other_gravity)[:, None]
-    none = law.no_law(signal, unnamed, recorded)
+    none = force_laws.no_law(signal, unnamed, recorded)
     yield _found("no-law", none, none)
 
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import fdtrc, ndtri, stdtr
 
-from bayestissue.recordings.signal.settings import PULSE, SAMPLES
-from bayestissue.recordings.signal.traces import (
+from bayestissue.recordings.signal.padded_traces import (
     Column,
     Index,
     Mask,
@@ -23,6 +22,7 @@ from bayestissue.recordings.signal.traces import (
     last_where,
     noise_sd,
 )
+from bayestissue.recordings.signal.signal_settings import PULSE, SAMPLES
 
 
 @dataclass(frozen=True)

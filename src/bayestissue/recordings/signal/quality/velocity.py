@@ -32,13 +32,13 @@ from jaxtyping import Bool, Float
 from scipy.special import logsumexp
 from scipy.stats import chi2, median_abs_deviation
 
-from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY, Uncertainty
+from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY, Uncertainty
 from bayestissue.recordings.signal.displacement import Displacements
-from bayestissue.recordings.signal.integration import trapezoids
+from bayestissue.recordings.signal.integrals import trapezoids
+from bayestissue.recordings.signal.padded_traces import Column, ImpactTraces, Mask
 from bayestissue.recordings.signal.quality.samples import Recorded, chance
-from bayestissue.recordings.signal.settings import LAW, PULSE, VELOCITY
+from bayestissue.recordings.signal.signal_settings import LAW, PULSE, VELOCITY
 from bayestissue.recordings.signal.start import LeastSquares
-from bayestissue.recordings.signal.traces import Column, ImpactTraces, Mask
 
 # Fractions of the stated velocity that are tried, and the place of 0 among them.
 _STATED = len(VELOCITY.steps)

@@ -18,7 +18,7 @@ from bayestissue.inference.results.meanings import (
     outcome_name,
 )
 from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
-from bayestissue.recordings.dataset.impacts import SESSIONS
+from bayestissue.recordings.dataset.impact_table import SESSIONS
 from bayestissue.reports.pages.fit.population import groupings
 from bayestissue.reports.pages.fit.run import FitRun
 from bayestissue.reports.pages.fit.sentences import said

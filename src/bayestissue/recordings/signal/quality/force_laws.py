@@ -22,14 +22,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
-from bayestissue.recordings.dataset.settings import STANDARD_GRAVITY, LowPassFilter
+from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY, LowPassFilter
 from bayestissue.recordings.signal.displacement import BEFORE, Displacements
 from bayestissue.recordings.signal.filters import answers
-from bayestissue.recordings.signal.integration import trapezoids
+from bayestissue.recordings.signal.integrals import trapezoids
+from bayestissue.recordings.signal.padded_traces import Column, Mask, Rows
 from bayestissue.recordings.signal.quality.samples import Recorded, chance
-from bayestissue.recordings.signal.settings import LAW, PULSE, SAMPLES
+from bayestissue.recordings.signal.signal_settings import LAW, PULSE, SAMPLES
 from bayestissue.recordings.signal.start import deceleration
-from bayestissue.recordings.signal.traces import Column, Mask, Rows
 
 type Law = Float[np.ndarray, "impact sample term"]
 

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.recordings.signal.settings import WINDOW
-from bayestissue.recordings.signal.traces import Column, PaddedTraces, Rows
+from bayestissue.recordings.signal.padded_traces import Column, PaddedTraces, Rows
+from bayestissue.recordings.signal.signal_settings import WINDOW
 
 type Rule = Literal["trapezoidal", "quintic"]
 

@@ -20,8 +20,8 @@ from bayestissue.base.results.tables import as_written
 from bayestissue.recordings.dataset import clock_times
 from bayestissue.recordings.dataset.cells import column_problems, ragged_problem
 from bayestissue.recordings.dataset.dialect import CLOCK, Dialect, TextTable, text_table
-from bayestissue.recordings.dataset.files import Source, decoded, error_line, require_small
 from bayestissue.recordings.dataset.formats.channel import Channel, Contents, Labels, even_clock
+from bayestissue.recordings.dataset.source_files import Source, decoded, error_line, require_small
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
 # What else may be a table, or a note to the reader.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.recordings.dataset.traces import Trace, Traces
+from bayestissue.recordings.dataset.ragged_traces import Trace, Traces
 
 type Rows = Float[np.ndarray, "impact sample"]
 type Mask = Bool[np.ndarray, "impact sample"]

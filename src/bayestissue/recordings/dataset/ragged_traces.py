@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int, Int8
 
 from bayestissue.base.outline import counted, span
-from bayestissue.recordings.dataset.settings import ChannelQuantity, Quantity
+from bayestissue.recordings.dataset.dataset_file import ChannelQuantity, Quantity
 
 # The fewest samples that are a recording.
 MIN_SAMPLES = 8

@@ -18,9 +18,9 @@ from bayestissue.base.declarations import declared
 from bayestissue.base.errors import Problem, has_control_characters
 from bayestissue.recordings.dataset.cells import FILE, REMEDY, number_in, read_cells
 from bayestissue.recordings.dataset.dialect import Stated
-from bayestissue.recordings.dataset.files import Source
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
 from bayestissue.recordings.dataset.recordings import CROP
+from bayestissue.recordings.dataset.source_files import Source
 
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz", *CROP)
 # Of a spring or phantom whose stiffness is known.

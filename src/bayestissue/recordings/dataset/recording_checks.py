@@ -22,11 +22,11 @@ from jaxtyping import Float64
 
 from bayestissue.base.errors import Problem
 from bayestissue.base.outline import counted
+from bayestissue.recordings.dataset.dataset_file import FILE, STANDARD_GRAVITY
 from bayestissue.recordings.dataset.motion import Motion
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
+from bayestissue.recordings.dataset.ragged_traces import EVEN_WITHIN, LIMITS, MIN_SAMPLES, RATE_WITHIN
 from bayestissue.recordings.dataset.recordings import Recordings, Samples
-from bayestissue.recordings.dataset.settings import FILE, STANDARD_GRAVITY
-from bayestissue.recordings.dataset.traces import EVEN_WITHIN, LIMITS, MIN_SAMPLES, RATE_WITHIN
 from bayestissue.recordings.dataset.twins import recording_twice
 
 _FALLS = "a speed that falls by {:.4g} m/s"
