@@ -6,11 +6,11 @@ from bayestissue import cli
 from bayestissue.base.errors import InputError
 from bayestissue.base.remedies import retired
 from bayestissue.base.resources import model_file, with_base
-from bayestissue.base.settings import Table, checked
+from bayestissue.base.settings import TomlTable, checked
 from bayestissue.commands.texts import explain
 
 
-class Inner(Table):
+class Inner(TomlTable):
     """A table.
 
     Attributes:
@@ -20,7 +20,7 @@ class Inner(Table):
     place: int = 1
 
 
-class Schema(Table):
+class Schema(TomlTable):
     """A file.
 
     Attributes:

@@ -14,7 +14,7 @@ import bayestissue as bt
 from bayestissue.base.resources import shared
 from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake import choices_of
-from bayestissue.recordings.intake.folder import File
+from bayestissue.recordings.intake.folder import RecorderFile
 from bayestissue.recordings.intake.names import contradictions, guessed
 from bayestissue.studies.init import prepare
 from command_line import bayestissue
@@ -22,8 +22,8 @@ from command_line import bayestissue
 RECORDED = shared("data", "tutorial", "recorded")
 
 
-def named(name: str) -> File:
-    return File(Source(Path(name), name), {})
+def named(name: str) -> RecorderFile:
+    return RecorderFile(Source(Path(name), name), {})
 
 
 @pytest.mark.parametrize(

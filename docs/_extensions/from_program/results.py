@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.results.tables import File, declared_files
+from bayestissue.base.results.tables import ResultFile, declared_files
 from bayestissue.inference.answers.reliability import Variances, as_variables, coefficients
 from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS, element_attributes
 from bayestissue.inference.results.tree import dimensions
@@ -94,13 +94,13 @@ def _dimensions(errors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     return dimensions(design, errors)
 
 
-def _columns(file: File) -> list[tuple[Any, ...]]:
+def _columns(file: ResultFile) -> list[tuple[Any, ...]]:
     return [
         (code(name), unit(name), escaped(_sentence(column.meaning))) for name, column in file.columns.items()
     ]
 
 
-def _by(file: File) -> str:
+def _by(file: ResultFile) -> str:
     return ", ".join(map(code, file.by)) if file.by != ("all",) else "every command that writes a folder"
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _LARGEST = 10_000_000
 
 
-class Table(BaseModel):
+class TomlTable(BaseModel):
     """A table of a settings file: a key that it does not have is a mistake, and its values stay as read.
 
     What a key means stands in the docstring of its table under ``Attributes:``, whence the reference has it.

@@ -16,7 +16,7 @@ from bayestissue.base.errors import Problem, by_cause, printable, refuse
 from bayestissue.commands.delivery import Json, Overwrite, Quiet
 
 if TYPE_CHECKING:
-    from bayestissue.recordings.intake import Question
+    from bayestissue.recordings.intake import MissingFact
     from bayestissue.studies.init import Intake
 
 _CHAIN = {
@@ -171,7 +171,7 @@ def _at_a_terminal() -> bool:
 
 def _asked(intake: Intake) -> Intake:
     from bayestissue.commands.console import echo
-    from bayestissue.recordings.intake import Question
+    from bayestissue.recordings.intake import MissingFact
 
     echo("\n".join(intake.listed()), err=True)
     options = []
@@ -179,14 +179,14 @@ def _asked(intake: Intake) -> Intake:
         question = intake.questions[0]
         text = _answer(question)
         intake = intake.answered(question, text)
-        options.append(Question(question.option, "", (), text).line)
+        options.append(MissingFact(question.option, "", (), text).line)
     echo(f"The same without questions: {' '.join(options)}", err=True)
     echo("\n".join(intake.design()), err=True)
     typer.confirm("Write the dataset", default=True, abort=True, err=True)
     return intake
 
 
-def _answer(question: Question) -> str:
+def _answer(question: MissingFact) -> str:
     from bayestissue.commands.console import echo
 
     words = question.what + (f" ({', '.join(question.answers)})" if question.answers else "")

@@ -24,7 +24,7 @@ from bayestissue.recordings.intake.choices import (
     BESIDE_FORCE,
     PLACES,
     Choices,
-    Question,
+    MissingFact,
     choices_of,
     forces_among,
     options,
@@ -55,10 +55,10 @@ class Intake:
     recordings: RecorderFolder
     choices: Choices
     facts: Facts
-    questions: tuple[Question, ...]
+    questions: tuple[MissingFact, ...]
     guess: str | None = None
 
-    def answered(self, question: Question, text: str) -> Intake:
+    def answered(self, question: MissingFact, text: str) -> Intake:
         """The intake with one question answered.
 
         Raises:

@@ -26,7 +26,7 @@ _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(inf|nan
 HELD = "a file that a finished run holds"
 
 
-class Column(NamedTuple):
+class DeclaredColumn(NamedTuple):
     """A column of a table: its meaning, the kind of its cells, and whether a table may lack it."""
 
     meaning: str
@@ -34,7 +34,7 @@ class Column(NamedTuple):
     may_lack: bool
 
 
-class Look(NamedTuple):
+class ShownColumn(NamedTuple):
     """How a column of a shown table looks.
 
     Attributes:
@@ -52,29 +52,29 @@ class Look(NamedTuple):
     optional: bool
 
 
-class File(NamedTuple):
+class ResultFile(NamedTuple):
     """A file of a result folder: the commands that write it, what it (or a row) is, columns, and looks."""
 
     by: tuple[str, ...]
     holds: str
-    columns: dict[str, Column]
-    looks: dict[str, Look]
+    columns: dict[str, DeclaredColumn]
+    looks: dict[str, ShownColumn]
 
 
 @cache
-def declared_files() -> dict[str, File]:
+def declared_files() -> dict[str, ResultFile]:
     """Every file of a result folder by its name."""
     content = declared(__package__, "tables.toml")
     return {name: _file(name, content) for name in content["files"]}
 
 
-def _file(name: str, content: dict[str, Any]) -> File:
+def _file(name: str, content: dict[str, Any]) -> ResultFile:
     entry = content["files"][name]
     means = entry.get("means", {})
     meanings = content["means"] | (content["files"][means]["means"] if isinstance(means, str) else means)
     text, whole, may_lack = (entry.get(key, "").split() for key in ("text", "whole", "may_lack"))
     columns = {
-        column: Column(
+        column: DeclaredColumn(
             meanings[column],
             "text" if column in text else "whole" if column in whole else "number",
             column in may_lack,
@@ -83,7 +83,7 @@ def _file(name: str, content: dict[str, Any]) -> File:
     }
     not_known, optional = (entry.get(key, "").split() for key in ("not_known", "optional"))
     looks = {
-        column: Look(
+        column: ShownColumn(
             look.get("title", column),
             look.get("form", "text"),
             tuple(look.get("of", [column])),
@@ -92,7 +92,7 @@ def _file(name: str, content: dict[str, Any]) -> File:
         )
         for column, look in entry.get("shown", {}).items()
     }
-    return File(tuple(entry["by"]), entry["holds"], columns, looks)
+    return ResultFile(tuple(entry["by"]), entry["holds"], columns, looks)
 
 
 def columns_of(name: str) -> list[str]:

@@ -7,13 +7,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
-from bayestissue.base.settings import Table
+from bayestissue.base.settings import TomlTable
 from bayestissue.model.hierarchy.formulas.group_terms import GroupTerm
 
 Positive = Annotated[float, Field(gt=0)]
 
 
-class _Prior(Table):
+class _Prior(TomlTable):
     _words: ClassVar[str]
 
     def numpyro(self) -> Any:
@@ -75,7 +75,7 @@ class Correlation(_Prior):
 Scale = Annotated[HalfNormal | HalfStudentT, Field(discriminator="distribution")]
 
 
-class Pair[Prior](Table):
+class Pair[Prior](TomlTable):
     """One prior for log K and one for log C."""
 
     K: Prior
@@ -106,7 +106,7 @@ def half_normal(scale: float) -> HalfNormal:
     return HalfNormal(distribution="half-normal", scale=scale)
 
 
-class ElementPrior(Table):
+class ElementPrior(TomlTable):
     """Of one parameter of a mechanical element besides K and C, on the log scale.
 
     ``log`` is the mean over impacts of its log, ``spread`` the standard deviation between impacts.
@@ -142,7 +142,7 @@ def term_of_slope(key: str) -> GroupTerm:
     return GroupTerm(term_of_group(grouping).factors, slope.strip())
 
 
-class Priors(Table):
+class Priors(TomlTable):
     """Every prior of the hierarchy; each has a default that a model file may replace.
 
     All are on the log scale of K (N/m) and C (N s/m).
@@ -231,7 +231,7 @@ class Priors(Table):
     def with_further(self, names: Iterable[str]) -> Priors:
         """The same with priors of the effects on further parameters, where the file gives none."""
 
-        def filled(pair: Locations | Scales, default: _Prior) -> Table:
+        def filled(pair: Locations | Scales, default: _Prior) -> TomlTable:
             return pair.model_copy(update=dict.fromkeys(names, default) | pair.__pydantic_extra__)
 
         update: dict[str, Any] = {

@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from bayestissue.base.resources import model_content
-from bayestissue.base.settings import Table, checked, read_text
+from bayestissue.base.settings import TomlTable, checked, read_text
 from bayestissue.mechanics.elements.registry import element, element_names
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.combinations import refused
@@ -31,7 +31,7 @@ MassError = Literal["impact", "mass", "subject", "all"]
 REACH_PEAK = ("peak", "rebound")
 
 
-class Formulas(Table):
+class Formulas(TomlTable):
     """Right-hand sides for log K, log C and the log of an element's further parameters, by their names.
 
     In the notation of R and formulae. Of K and C one left out is
@@ -61,7 +61,7 @@ class Formulas(Table):
         return tuple(term for term in terms if term not in (SUBJECT, TRIAL))
 
 
-class PracticalEquivalence(Table):
+class PracticalEquivalence(TomlTable):
     """How near a mass exponent, or a ratio, must be to a hypothesis to count as equal to it in practice.
 
     Attributes:
@@ -73,7 +73,7 @@ class PracticalEquivalence(Table):
     ratio: Annotated[float, Field(gt=0, lt=1)] = 0.1
 
 
-class Sampler(Table):
+class Sampler(TomlTable):
     """Of the Markov chains that draw from the posterior.
 
     Attributes:
@@ -90,7 +90,7 @@ class Sampler(Table):
     transitions: Annotated[int, Field(ge=100, le=10_000_000)] = 40_000
 
 
-class CompetingFormulas(Table):
+class CompetingFormulas(TomlTable):
     """Other explanations of the same data: a name and the formula that takes both responses' place.
 
     Attributes:
@@ -100,7 +100,7 @@ class CompetingFormulas(Table):
     formulas: dict[str, str] = Field(default_factory=dict)
 
 
-class ModelSpecification(Table):
+class ModelSpecification(TomlTable):
     """A whole model file; ``bayestissue model NAME`` prints commented ones.
 
     Attributes:

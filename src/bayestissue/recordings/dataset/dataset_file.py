@@ -13,7 +13,6 @@ from jaxtyping import Float64
 from pydantic import (
     AfterValidator,
     BeforeValidator,
-    ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
     ValidationInfo,
@@ -25,7 +24,7 @@ from pydantic_core import PydanticCustomError
 
 from bayestissue.base.errors import InputError, Problem, has_control_characters
 from bayestissue.base.literature import SITES
-from bayestissue.base.settings import Argument, Table, argument, checked, only, parse_toml, read_text
+from bayestissue.base.settings import Argument, TomlTable, argument, checked, only, parse_toml, read_text
 from bayestissue.recordings.dataset.dialect import Stated
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
 from bayestissue.recordings.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
@@ -125,10 +124,6 @@ def gravity_m_s2(gravity: Gravity) -> float:
     return _GRAVITIES[gravity] if isinstance(gravity, str) else gravity
 
 
-class _Table(Table):
-    model_config = ConfigDict(strict=True)
-
-
 class SignalSettings(Stated):
     """The table ``[signal]``: what was recorded and in which units.
 
@@ -201,7 +196,7 @@ class SignalSettings(Stated):
         return self.below_force - limit, self.below_force + limit
 
 
-class LowPassFilter(_Table):
+class LowPassFilter(TomlTable, strict=True):
     """The table ``[recorder]``: a known low-pass between the sensor and the file.
 
     Of an SAE class it has the corner, order, kind and direction that the class stands for.
@@ -266,7 +261,7 @@ def _meaning(sae_class: int) -> dict[str, Any]:
     return {"low_pass_hz": SAE_CORNER * sae_class, "order": 2, "kind": "butterworth", "zero_phase": True}
 
 
-class ChannelSettings(_Table):
+class ChannelSettings(TomlTable, strict=True):
     """A table ``[[channel]]``: a further channel of the same impacts; ``[signal]`` is the first.
 
     Attributes:
@@ -335,7 +330,7 @@ class ChannelSettings(_Table):
         return f"{self.name}: {self.quantity} at the {self.place}{behind}{filtered}"
 
 
-class Uncertainty(_Table):
+class Uncertainty(TomlTable, strict=True):
     """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units.
 
     Attributes:
@@ -355,7 +350,7 @@ class Uncertainty(_Table):
         return np.hypot(self.velocity_sd_m_s / velocity, self.relative_gain_sd)
 
 
-class ImpactorSettings(_Table):
+class ImpactorSettings(TomlTable, strict=True):
     """The table ``[impactor]``: what hits.
 
     Attributes:
@@ -366,7 +361,7 @@ class ImpactorSettings(_Table):
     headform: bool = False
 
 
-class WordSettings(_Table):
+class WordSettings(TomlTable, strict=True):
     """The table ``[words]``: what pages, papers and messages call the units; without < > & and ".
 
     Attributes:
@@ -396,7 +391,7 @@ class WordSettings(_Table):
         return self.model_dump(exclude_none=True)
 
 
-class Settings(_Table):
+class Settings(TomlTable, strict=True):
     """The whole of ``dataset.toml``.
 
     Attributes:
@@ -461,7 +456,7 @@ def keys() -> dict[str, FieldInfo]:
 
     How texts are written and further channels are not among it.
     """
-    places: dict[str, type[Table]] = {"signal": SignalSettings, "impactor": ImpactorSettings}
+    places: dict[str, type[TomlTable]] = {"signal": SignalSettings, "impactor": ImpactorSettings}
     further = {key: field for key, field in Settings.model_fields.items() if key not in (*places, "channel")}
     return {
         f"{table}.{key}": field
@@ -492,7 +487,7 @@ def content_of(stated: Mapping[str, Any], places: Mapping[str, str] = PLACES) ->
 
 def plain_value(value: Any) -> Any:
     """The value as Python's own; what is none is left for the settings to refuse."""
-    if isinstance(value, Table):
+    if isinstance(value, TomlTable):
         return value.model_dump(exclude_unset=True)
     if isinstance(value, Mapping):
         return {str(key): plain_value(inner) for key, inner in value.items()}

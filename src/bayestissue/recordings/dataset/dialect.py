@@ -16,10 +16,10 @@ from functools import cached_property
 from itertools import islice, takewhile, zip_longest
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from bayestissue.base.errors import InputError
-from bayestissue.base.settings import Table
+from bayestissue.base.settings import TomlTable
 from bayestissue.recordings.dataset.source_files import (
     FILES,
     Source,
@@ -67,7 +67,7 @@ _RUN = re.compile(r"\s(Run|Trial) ?#?\d+$|^(Run|Trial|Data Set) ?#?\d+: *", re.I
 CLOCK = ("start", "increment")
 
 
-class Stated(Table):
+class Stated(TomlTable, strict=True):
     """How recordings that are text tables are written, in ``[signal]`` where that is not to be found.
 
     Where nobody said so it is None, and found.
@@ -81,8 +81,6 @@ class Stated(Table):
             column 2 ...
         units_row: the row with their units; 0 where there is none.
     """
-
-    model_config = ConfigDict(strict=True)
 
     encoding: Encoding | None = None
     delimiter: Delimiter | None = None

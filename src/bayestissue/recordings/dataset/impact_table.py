@@ -137,7 +137,8 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
     if "trial" not in cells:
         cells = cells.assign(trial=_conditions(cells))
     columns = {
-        name: _Column(name, cells[name].tolist(), rows, cells["impact"].tolist()) for name in map(str, cells)
+        name: _CheckedColumn(name, cells[name].tolist(), rows, cells["impact"].tolist())
+        for name in map(str, cells)
     }
     problems: list[Problem] = []
     for column in (columns[name] for name in ("impact", *_GROUPS)):
@@ -180,7 +181,7 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
 
 
 @dataclass(frozen=True, eq=False)
-class _Column:
+class _CheckedColumn:
     """The cells of one column, and of each its row in the file and its impact."""
 
     name: str
@@ -233,7 +234,7 @@ class _Column:
         return content, [self.problem(index, f"unusual-value.{kind}", **counts) for index in first]
 
 
-def _known_stiffness(columns: dict[str, _Column]) -> list[Problem]:
+def _known_stiffness(columns: dict[str, _CheckedColumn]) -> list[Problem]:
     """Cells of a known stiffness without its standard deviation, or the other way round, or with one so wide.
 
     A standard deviation above half of the stiffness is of another unit: N/mm of the one and N/m of the other.
@@ -264,13 +265,13 @@ def _conditions(cells: pd.DataFrame) -> list[str]:
     return names.tolist()
 
 
-def _impacts_twice(column: _Column) -> list[Problem]:
+def _impacts_twice(column: _CheckedColumn) -> list[Problem]:
     first = dict(zip(reversed(column.texts), reversed(column.rows), strict=True))
     again = np.flatnonzero(pd.Index(column.texts).duplicated() & ~column.empty)
     return [column.problem(at, "impact-twice", first=first[column.texts[at]]) for at in again]
 
 
-def _reversed(table: pd.DataFrame, columns: dict[str, _Column]) -> list[Problem]:
+def _reversed(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> list[Problem]:
     """Crops that end before they begin; they are taken out of the table, for nothing lies in them."""
     start, stop = (table[name].to_numpy(copy=True) for name in CROP)
     table.loc[stop <= start, list(CROP)] = np.nan
@@ -316,7 +317,7 @@ def _far_apart(values: np.ndarray) -> Bool[np.ndarray, " impact"]:
     return low if 2 * low.sum() <= np.isfinite(values).sum() else ~low & np.isfinite(values)
 
 
-def _alike_names(table: pd.DataFrame, columns: dict[str, _Column]) -> list[Problem]:
+def _alike_names(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> list[Problem]:
     """Names of people, conditions or categories that differ only in case, spaces, hyphens or leading zeros.
 
     A warning for each further way of writing a name: two people where there is one make the spread between

@@ -277,9 +277,9 @@ def against_first(recordings: Recordings, first: Recordings) -> Iterator[Problem
     yield from recordings.where(wrong, "channel-unfit.sign", "a correlation of {:.2f}", correlation)
 
 
-type Check = Callable[[Recordings], Iterable[Problem]]
+type Detector = Callable[[Recordings], Iterable[Problem]]
 # A check of errors, and those that only warn.
-type Stage = tuple[Check, tuple[Check, ...]]
+type Stage = tuple[Detector, tuple[Detector, ...]]
 
 # An impact with an error that one stage finds is not asked the next: it would only raise a false alarm.
 OF_SAMPLES: tuple[Stage, ...] = ((_sample_problems, ()), (_clock_problems, ()))

@@ -27,7 +27,7 @@ from bayestissue.recordings.dataset.recordings import CROP, ends_of
 from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.choices import PLACES, Choices, Cutting, require_steady
 from bayestissue.recordings.intake.facts import Facts
-from bayestissue.recordings.intake.folder import File, RecorderFolder
+from bayestissue.recordings.intake.folder import RecorderFile, RecorderFolder
 from bayestissue.recordings.signal.displacement import Displacements, displacements
 from bayestissue.recordings.signal.padded_traces import noise_sd, stack
 from bayestissue.recordings.signal.signal_settings import CONTACT
@@ -265,7 +265,7 @@ class _Plan:
                     impact = row.get("impact", name)
                     yield {**base, **row, "impact": f"{impact}-{number}" if self.choices.several else impact}
 
-    def _impacts(self, file: File) -> list[dict[str, Any]]:
+    def _impacts(self, file: RecorderFile) -> list[dict[str, Any]]:
         """What is known of each impact of a recording, with its stretch if several are cut apart."""
         common = self.facts.of_file[file.name]
         numbers = [number for name, number in self.facts.of_number if name == file.name]
@@ -293,13 +293,13 @@ class _Plan:
             for number, (start, stop) in enumerate(stretches, 1)
         ]
 
-    def oriented(self, file: File) -> Trace:
+    def oriented(self, file: RecorderFile) -> Trace:
         """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
         read = read_one(file.source, self.signal, self._rate(file))
         whole, (start, stop) = Traces.of([read]).slowing(self.signal.quantity), ends_of(self.signal)
         return whole.at((whole.time_s >= start) & (whole.time_s <= stop))[0]
 
-    def _rate(self, file: File) -> float:
+    def _rate(self, file: RecorderFile) -> float:
         """The stated sampling rate, Hz; not a number where none was."""
         return float(self.facts.of_file[file.name].get("sampling_rate_hz", self.choices.rate_hz or np.nan))
 
@@ -315,7 +315,7 @@ class _Plan:
                 problem = replace(problem, remedy=problem.remedy + self._several(file))
             yield problem
 
-    def _several(self, file: File) -> str:
+    def _several(self, file: RecorderFile) -> str:
         """A further remedy where a recording seems to hold several impacts; else empty."""
         with suppress(InputError):
             count = len(cut(self.oriented(file)))
@@ -407,7 +407,7 @@ def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]
     return {name: count.most_common(1)[0][0] for name, count in units.items()}
 
 
-def _require_unit(file: File, usual: dict[str, str]) -> None:
+def _require_unit(file: RecorderFile, usual: dict[str, str]) -> None:
     """Refuse a file whose channel has another unit than that of the others: one unit holds for a dataset."""
     problems = [
         Problem.stated(

@@ -13,14 +13,14 @@ import pandas as pd
 from pydantic import Field
 
 from bayestissue.base.errors import InputError, Problem, refuse
-from bayestissue.base.settings import Argument, Table, argument, checked
+from bayestissue.base.settings import Argument, TomlTable, argument, checked
 from bayestissue.recordings.dataset.dataset_file import DIMENSIONS, arguments, content_of, plain_value
 from bayestissue.recordings.dataset.dataset_file import PLACES as KEYS
 from bayestissue.recordings.dataset.impact_table import WITHIN, in_two_levels
 from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES, RATE_WITHIN
 from bayestissue.recordings.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.recordings.intake.facts import Facts
-from bayestissue.recordings.intake.folder import ChannelSummary, File, RecorderFolder
+from bayestissue.recordings.intake.folder import ChannelSummary, RecorderFile, RecorderFolder
 from bayestissue.recordings.intake.names import is_height
 
 _VOLTS = {"V", "mV", "Volt", "Volts", "volt", "volts"}
@@ -71,7 +71,7 @@ _NAMES = {"value_column": "channel", "time_column": "time"}
 PLACES = {_NAMES.get(name, name): place for name, place in KEYS.items() if name != "source"}
 
 
-class Choices(Table):
+class Choices(TomlTable):
     """What is known of a folder of recorder files besides the files.
 
     Attributes:
@@ -151,7 +151,7 @@ def choices_of(**stated: Any) -> Choices:
 
 
 @dataclass(frozen=True)
-class Question:
+class MissingFact:
     """Something that nothing says so far.
 
     Attributes:
@@ -195,7 +195,7 @@ class Question:
             raise InputError.stated("option-value.rate", self.option, value=text) from None
 
 
-_OF_TABLE = Question(
+_OF_TABLE = MissingFact(
     "--pattern",
     "who was hit: name a column of the table subject, or say where names of files have it",
     (),
@@ -205,7 +205,7 @@ _OF_TABLE = Question(
 
 def settle(
     choices: Choices, recordings: RecorderFolder, facts: frozenset[str]
-) -> tuple[Choices, list[Question]]:
+) -> tuple[Choices, list[MissingFact]]:
     """Fill in what the files themselves leave no doubt about; what is left are questions.
 
     The channel is the only one that is no time and whose unit can be right; times are a channel that goes up,
@@ -243,16 +243,16 @@ def settle(
 
 
 def _answered(
-    choices: Choices, option: str, answer: Callable[[], str | Question]
-) -> tuple[Choices, list[Question]]:
+    choices: Choices, option: str, answer: Callable[[], str | MissingFact]
+) -> tuple[Choices, list[MissingFact]]:
     """The choices with an option that is not stated as the files have it, or the question for it."""
     if choices.stated(option) is not None:
         return choices, []
     found = answer()
-    return (choices, [found]) if isinstance(found, Question) else (choices.stating(**{option: found}), [])
+    return (choices, [found]) if isinstance(found, MissingFact) else (choices.stating(**{option: found}), [])
 
 
-def _measured(choices: Choices, chosen: Sequence[ChannelSummary]) -> tuple[Choices, list[Question]]:
+def _measured(choices: Choices, chosen: Sequence[ChannelSummary]) -> tuple[Choices, list[MissingFact]]:
     """The same of the quantity and of its unit, which say something of one another."""
     unit, quantity = choices.stated("unit"), choices.stated("quantity")
     units = {unit} if unit else {channel.unit for channel in chosen}
@@ -276,7 +276,7 @@ def _measured(choices: Choices, chosen: Sequence[ChannelSummary]) -> tuple[Choic
     return choices, questions
 
 
-def _facts_wanted(choices: Choices, facts: frozenset[str], *, several: bool) -> Iterator[Question]:
+def _facts_wanted(choices: Choices, facts: frozenset[str], *, several: bool) -> Iterator[MissingFact]:
     """What neither names nor a table nor options say of each recording; ``several`` are there."""
     optional = ["velocity_m_s"] if choices.stated("quantity") == "displacement" else []
     for name, (what, example) in _NEEDED.items():
@@ -284,12 +284,12 @@ def _facts_wanted(choices: Choices, facts: frozenset[str], *, several: bool) -> 
             # One name for all of the people of a table is nobody's answer.
             yield _OF_TABLE
         elif name not in facts and name not in optional:
-            yield Question(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
+            yield MissingFact(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
     if choices.stated("gravity") is None and any(map(is_height, facts)):
-        yield Question("--gravity", _FALLS, ("drop", "none"), "drop")
+        yield MissingFact("--gravity", _FALLS, ("drop", "none"), "drop")
 
 
-def people_twice(pattern: str | None, facts: Facts) -> list[Question]:
+def people_twice(pattern: str | None, facts: Facts) -> list[MissingFact]:
     """Whether a person in several levels of what tells people apart is one, by the pattern that says so."""
     if pattern is None or "{subject}" not in pattern:
         return []
@@ -300,13 +300,13 @@ def people_twice(pattern: str | None, facts: Facts) -> list[Question]:
         one = pattern.replace(f"{{{name}}}", next(f"{{{w}}}" for w in WITHIN if f"{{{w}}}" not in pattern))
         two = pattern.replace("{subject}", f"{{subject:{name}}}")
         what = f"{person} is in {' and in '.join(levels)}: one person or two? In this order"
-        return [Question("--pattern", what, (one, two), two)]
+        return [MissingFact("--pattern", what, (one, two), two)]
     return []
 
 
-def _one_of(answers: Sequence[str], option: str, what: str) -> str | Question:
+def _one_of(answers: Sequence[str], option: str, what: str) -> str | MissingFact:
     """The only answer that is possible, or the question which of them it is."""
-    return answers[0] if len(answers) == 1 else Question(option, what, tuple(answers), answers[0])
+    return answers[0] if len(answers) == 1 else MissingFact(option, what, tuple(answers), answers[0])
 
 
 def _values_among(channels: Mapping[str, Sequence[ChannelSummary]], time: str | None) -> list[str]:
@@ -329,7 +329,7 @@ def _rising_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]
     return [name for name, files in channels.items() if all(one.steps and one.steps.rises for one in files)]
 
 
-def _time(channels: Mapping[str, Sequence[ChannelSummary]], channel: str | None) -> str | Question:
+def _time(channels: Mapping[str, Sequence[ChannelSummary]], channel: str | None) -> str | MissingFact:
     """The channel with the times; else the question which it is, or for a rate where none can be.
 
     Of several, each in front of values of its own, the last one before those of the channel.
@@ -341,8 +341,8 @@ def _time(channels: Mapping[str, Sequence[ChannelSummary]], channel: str | None)
             return before[-1]
         return _one_of(times, "--time", "the channel with the times")
     if rising := _rising_among(channels):
-        return Question("--time", "the channel with the times", tuple(rising), rising[0])
-    return Question("--rate-hz", "the sampling rate in Hz", (), "10000")
+        return MissingFact("--time", "the channel with the times", tuple(rising), rising[0])
+    return MissingFact("--rate-hz", "the sampling rate in Hz", (), "10000")
 
 
 def _stated_kind(choices: Choices, units: set[str]) -> str:
@@ -354,7 +354,7 @@ def _stated_kind(choices: Choices, units: set[str]) -> str:
     return "" if kind == "other" and choices.stated("channel") is None else kind
 
 
-def _which_unit(units: set[str], kind: str, dimensions: Sequence[Dimension]) -> Question:
+def _which_unit(units: set[str], kind: str, dimensions: Sequence[Dimension]) -> MissingFact:
     """The question for the unit of the values, and for a scale where the files state volts or the like."""
     remark, example = "", "mm" if dimensions == ["length"] else "g"
     if kind in ("other", "voltage"):
@@ -362,7 +362,7 @@ def _which_unit(units: set[str], kind: str, dimensions: Sequence[Dimension]) -> 
         remark = f" (the files state {stated}: give --scale too, by what {stated} is turned into it)"
         example = "mm" if dimensions == ["length"] else "m/s^2"
     examples = " or ".join(EXAMPLES[dimension] for dimension in dimensions)
-    return Question("--unit", f"its unit after scale and offset{remark}, {examples}", (), example)
+    return MissingFact("--unit", f"its unit after scale and offset{remark}, {examples}", (), example)
 
 
 def forces_among(recordings: RecorderFolder) -> list[str]:
@@ -423,7 +423,7 @@ def times_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]:
     ]
 
 
-def require_steady(file: File, rate: float) -> None:
+def require_steady(file: RecorderFile, rate: float) -> None:
     """Refuse a stated sampling rate (Hz) that the times in a file contradict, or by which samples are lost.
 
     Times may be as coarse as a recorder writes them: several samples may have the same.
@@ -447,7 +447,7 @@ def require_steady(file: File, rate: float) -> None:
     refuse(problems)
 
 
-def _no_values(file: File, files: int) -> Problem:
+def _no_values(file: RecorderFile, files: int) -> Problem:
     value = f"{', '.join(file.channels) or 'no numbers'} ({file.written or file.source.suffix})"
     return replace(Problem.stated("no-channel.values", file.name, value=value), files_read=files)
 

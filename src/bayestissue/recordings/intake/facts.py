@@ -12,7 +12,7 @@ from bayestissue.base.errors import InputError, Problem, collected, refuse
 from bayestissue.base.outline import first_of
 from bayestissue.recordings.dataset.cells import in_case_of, read_cells, with_subject
 from bayestissue.recordings.dataset.source_files import Source
-from bayestissue.recordings.intake.folder import File, RecorderFolder
+from bayestissue.recordings.intake.folder import RecorderFile, RecorderFolder
 from bayestissue.recordings.intake.names import (
     NUMBERS,
     Pattern,
@@ -72,7 +72,7 @@ def gather(
     """
     names = Pattern.parse(pattern) if pattern else None
     fields = names.fields if names else ()
-    rows = _Table.read(table, fields) if table else _Table()
+    rows = _FactTable.read(table, fields) if table else _FactTable()
     sources = {"--pattern": fields, "--table": rows.facts, "--set": tuple(shared)}
     _once(sources)
     problems = list(rows.unmatched_rows(recordings.files))
@@ -113,7 +113,7 @@ def _once(sources: dict[str, tuple[str, ...]]) -> None:
 
 
 @dataclass(frozen=True)
-class _Table:
+class _FactTable:
     """A table of facts: their columns, its rows by line, and what it is joined by in place of ``file``."""
 
     label: str = ""
@@ -123,7 +123,7 @@ class _Table:
     keys: tuple[str, ...] = ()
 
     @classmethod
-    def read(cls, source: Source, fields: Sequence[str]) -> _Table:
+    def read(cls, source: Source, fields: Sequence[str]) -> _FactTable:
         cells, lines = read_cells(source)
         if "subject" not in fields or FILE not in _in_standard_case(cells):
             cells.columns = with_subject(list(map(str, cells.columns)))
@@ -139,7 +139,7 @@ class _Table:
             raise InputError.stated("facts-of-recordings.no-key", source.label, value=value, example=example)
         return table
 
-    def cells_of(self, file: File, from_name: Mapping[str, str]) -> dict[int | None, dict[str, str]]:
+    def cells_of(self, file: RecorderFile, from_name: Mapping[str, str]) -> dict[int | None, dict[str, str]]:
         """The facts of a file, by the number of the impact where the table has that column; none without one.
 
         Args:
@@ -163,7 +163,7 @@ class _Table:
             raise self._wrong("no-row", None, key, "none", name=name)
         return facts_of_number
 
-    def _is_of(self, row: Mapping[str, str], file: File, from_name: Mapping[str, str]) -> bool:
+    def _is_of(self, row: Mapping[str, str], file: RecorderFile, from_name: Mapping[str, str]) -> bool:
         """Whether a row is of a file: by its name, or by what that says."""
         if not self.keys:
             return row[FILE] in _possible_names(file)
@@ -181,7 +181,7 @@ class _Table:
             return ()
         return (f"rows of {self.label} without a recording: {first_of(alone, 3)}",)
 
-    def unmatched_rows(self, files: tuple[File, ...]) -> Iterator[Problem]:
+    def unmatched_rows(self, files: tuple[RecorderFile, ...]) -> Iterator[Problem]:
         """Rows that belong to no file, and to more than one."""
         for line, row in () if self.keys else self.rows:
             named = [file.name for file in files if self._is_of(row, file, {})]
@@ -221,7 +221,7 @@ def told_by(table: Source) -> list[str]:
     return [name for name in names if name not in (FILE, NUMBER)] if FILE in names else []
 
 
-def _possible_names(file: File) -> set[str]:
+def _possible_names(file: RecorderFile) -> set[str]:
     """The ways in which a table may call a file."""
     part = f"#{file.source.part}" if file.source.part else ""
     names = {file.name, file.source.stem + part}

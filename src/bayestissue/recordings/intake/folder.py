@@ -23,7 +23,7 @@ _DIGITS = re.compile(r"(\d+)")
 
 
 @dataclass(frozen=True)
-class Steps:
+class RisingSteps:
     """From sample to sample of a channel that hardly ever falls, in its unit.
 
     Attributes:
@@ -42,7 +42,7 @@ class Steps:
     gap: int | None
 
     @classmethod
-    def from_values(cls, values: np.ndarray, first_row: int, falling: float = 0.05) -> Steps | None:
+    def from_values(cls, values: np.ndarray, first_row: int, falling: float = 0.05) -> RisingSteps | None:
         """None of a channel that falls at more than a share ``falling`` of steps, or ends in no number.
 
         A few steps fall in a channel of times of which some samples are out of order.
@@ -78,11 +78,11 @@ class ChannelSummary:
     unit: str
     samples: int
     clock: bool
-    steps: Steps | None
+    steps: RisingSteps | None
 
 
 @dataclass(frozen=True)
-class File:
+class RecorderFile:
     """One recorder file, or a part of one: a sheet of a workbook, or a block of LabVIEW's text.
 
     Attributes:
@@ -113,7 +113,7 @@ class RecorderFolder:
     """
 
     folder: Path
-    files: tuple[File, ...]
+    files: tuple[RecorderFile, ...]
     problems: tuple[Problem, ...]
     passed_over: tuple[str, ...] = ()
 
@@ -167,7 +167,7 @@ def look(
             value=f"files ending in {ends}" if paths else "no files",
             endings=suffix or ", ".join((*SUFFIXES, *TEXT_SUFFIXES)),
         )
-    files: list[File] = []
+    files: list[RecorderFile] = []
     problems: list[tuple[Source, Problem]] = []
     passed_over: dict[str, list[str]] = {}
     for path in wanted:
@@ -184,11 +184,11 @@ def look(
     return RecorderFolder(root, tuple(recordings), tuple(left), words)
 
 
-def _listed(source: Source, contents: Contents) -> list[File]:
+def _listed(source: Source, contents: Contents) -> list[RecorderFile]:
     """The recordings of a file that was read: each block of LabVIEW's text is one."""
     blocks = enumerate(contents.blocks, 1)
     parts = [(replace(source, part=str(number)), block) for number, block in blocks] or [(source, contents)]
-    return [File(part, _summaries(block), str(block.dialect or "")) for part, block in parts]
+    return [RecorderFile(part, _summaries(block), str(block.dialect or "")) for part, block in parts]
 
 
 def _summaries(contents: Contents) -> dict[str, ChannelSummary]:
@@ -197,7 +197,7 @@ def _summaries(contents: Contents) -> dict[str, ChannelSummary]:
             channel.unit,
             channel.values.size,
             channel.clock is not None,
-            Steps.from_values(channel.values, contents.first_row),
+            RisingSteps.from_values(channel.values, contents.first_row),
         )
         for key, channel in contents.channels.items()
     }
@@ -225,23 +225,23 @@ def _note(what: str, file: Source, parts: Sequence[str], passed_over: dict[str, 
 
 
 def _sorted_out(
-    files: list[File],
+    files: list[RecorderFile],
     problems: list[tuple[Source, Problem]],
     each: bool | None,
     passed_over: dict[str, list[str]],
-) -> tuple[list[File], list[Problem]]:
+) -> tuple[list[RecorderFile], list[Problem]]:
     """The recordings, and what is wrong, without parts that are empty or hold no recording.
 
     A file of one part has its own name, unless each part is to be named or others have several: one pattern
     can read names of one form alone.
     """
-    by_file: dict[Path, list[File]] = {}
+    by_file: dict[Path, list[RecorderFile]] = {}
     for file in files:
         by_file.setdefault(file.source.path, []).append(file)
     problems = [(s, p) for s, p in problems if not (p.code == "no-rows" and s.path in by_file)]
     count = Counter(source.path for source in (*(file.source for file in files), *(s for s, _ in problems)))
     several = {parts[0].source.is_sheet for path, parts in by_file.items() if count[path] > 1}
-    recordings: list[File] = []
+    recordings: list[RecorderFile] = []
     for parts in by_file.values():
         longest = [max((channel.samples for channel in f.channels.values()), default=0) for f in parts]
         held = [f for f, samples in zip(parts, longest, strict=True) if samples >= MIN_SAMPLES] or parts

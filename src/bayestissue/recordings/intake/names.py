@@ -17,7 +17,7 @@ from bayestissue.base.errors import InputError, Problem, refuse
 from bayestissue.recordings.dataset.cells import HEIGHTS, number_in
 from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY
 from bayestissue.recordings.dataset.source_files import Source
-from bayestissue.recordings.intake.folder import File
+from bayestissue.recordings.intake.folder import RecorderFile
 
 # 1,234 may be a thousand and some, or one and some.
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}", re.ASCII)
@@ -213,7 +213,7 @@ def _cut(file: Source) -> list[str]:
     return [*parts, f"{file.name[len(file.stem) :]}#", *_CUTS.split(file.part)] if file.part else parts
 
 
-def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
+def guessed(files: Sequence[RecorderFile], known: Collection[str] = ()) -> str | None:
     """A pattern that all names fit and that says something of the recordings, or None.
 
     Names such as ``s01_left_2.5kg_1`` are cut at underscores, hyphens, spaces and folders. Where all names
@@ -253,7 +253,7 @@ def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
     return text
 
 
-def contradictions(file: File, facts: Mapping[str, str]) -> Iterator[Problem]:
+def contradictions(file: RecorderFile, facts: Mapping[str, str]) -> Iterator[Problem]:
     """What a file's name says otherwise than facts that are given of it: numbers with a unit, and sides.
 
     Args:

@@ -269,7 +269,7 @@ def slowest(displacements: ImpactTraces, v: Rows) -> Stop:
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionFromContact:
     """Decelerations of impacts from their first sample in contact on, and the motion that they give.
 
     Attributes:
@@ -331,7 +331,7 @@ def _integrated(
         NO_CONTACT: ~quiet.there & (onset.first >= CONTACT.quiet_samples),
     }
     signal = _windowed(
-        Motion(recorded, x, v, start, stop, quiet.noise_sd),
+        MotionFromContact(recorded, x, v, start, stop, quiet.noise_sd),
         options,
         flags,
         {NO_OFFSET: ~quiet.there, UNEVEN: part.uneven},
@@ -390,12 +390,12 @@ def _recorded(recordings: ImpactTraces, options: SignalOptions) -> Displacements
     slowing = replace(part, value=d, velocity=velocity, clipped=np.zeros_like(x))
     nothing = {"interval_s": zero, "reach_s": zero, "n_before": none, "n_since_quiet": none}
     nothing |= {"before": rows, "before_s": rows, "blurred": none > 0, "offset_sd": zero * np.nan}
-    motion = Motion(slowing, x, v, start, stop, noise)
+    motion = MotionFromContact(slowing, x, v, start, stop, noise)
     return _windowed(motion, options, flags, {}, offset=at_contact, **nothing)
 
 
 def _windowed(
-    motion: Motion,
+    motion: MotionFromContact,
     options: SignalOptions,
     flags: dict[Coded, Mask],
     notes: dict[Coded, Mask],

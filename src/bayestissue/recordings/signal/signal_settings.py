@@ -13,12 +13,12 @@ from pydantic import Field
 
 from bayestissue.base.errors import InputError
 from bayestissue.base.resources import model_content
-from bayestissue.base.settings import Table, checked
+from bayestissue.base.settings import TomlTable, checked
 
 type Window = Literal["peak", "rebound"] | Annotated[float, Field(gt=0, le=1)]
 
 
-class SignalOptions(Table):
+class SignalOptions(TomlTable):
     """Where contact is in a recording, and which part of it from there on is used.
 
     Attributes:

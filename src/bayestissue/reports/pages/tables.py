@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from bayestissue.base.declarations import declared, filled
 from bayestissue.base.outline import markdown_rows, numbers_in_short
-from bayestissue.base.results.tables import Look, declared_files
+from bayestissue.base.results.tables import ShownColumn, declared_files
 from bayestissue.inference.results.meanings import SECANTS, heading_words
 from bayestissue.reports.pages.wording import (
     Spread,
@@ -177,7 +177,7 @@ def declared_fields(name: str, columns: Iterable[str], **values: str) -> list[Fi
     return [_field(looks[column], values) for column in columns]
 
 
-def _field(look: Look, values: Mapping[str, str]) -> Field:
+def _field(look: ShownColumn, values: Mapping[str, str]) -> Field:
     words = _words_of(look.form)
 
     def cell(row: Any) -> str:

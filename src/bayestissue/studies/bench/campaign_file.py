@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from bayestissue.base.errors import InputError, Problem, refuse
-from bayestissue.base.settings import Table, checked, parse_toml, read_text
+from bayestissue.base.settings import TomlTable, checked, parse_toml, read_text
 from bayestissue.recordings.dataset.cells import read_cells
 from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
 from bayestissue.recordings.dataset.dataset_file import (
@@ -31,7 +31,7 @@ from bayestissue.recordings.intake.names import Pattern, columns, fills
 from bayestissue.studies.simulation.simulation_file import Positive
 
 
-class Wanted(Table):
+class Wanted(TomlTable):
     """The table ``[wanted]``: what a drop, and the drops of a person together, have to be.
 
     Attributes:
@@ -46,7 +46,7 @@ class Wanted(Table):
     relative_width: Positive | None = None
 
 
-class CampaignSpecification(Table):
+class CampaignSpecification(TomlTable):
     """A whole campaign file.
 
     Attributes:

@@ -16,7 +16,7 @@ import xarray as xr
 
 from bayestissue.base import runtime
 from bayestissue.base.results.files import whole_file
-from bayestissue.base.settings import Table
+from bayestissue.base.settings import TomlTable
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.studies.planning.assurance import PER_STUDY, Assessment, Goal, Progress, planner
 from bayestissue.studies.planning.candidates import Candidate
@@ -129,7 +129,7 @@ class Ledger:
 def _content(value: Any) -> Any:
     """All that a value is made of, as JSON has it; of numbers in arrays their SHA-256."""
     match value:
-        case Table():
+        case TomlTable():
             return value.model_dump(mode="json")
         case np.ndarray() | xr.DataArray():
             return hashlib.sha256(np.ascontiguousarray(value, float)).hexdigest()

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from bayestissue.base import runtime
-from bayestissue.base.settings import Table, checked, only, parse_toml, read_text
+from bayestissue.base.settings import TomlTable, checked, only, parse_toml, read_text
 from bayestissue.recordings.dataset.dataset_file import Gravity, LowPassFilter, WordSettings
 from bayestissue.studies.planning.planned_population import BLOCK, PlannedPopulation
 from bayestissue.studies.simulation.simulation_file import Condition, Factor, Positive, RecordedDeceleration
@@ -86,7 +86,7 @@ class PlannedRecorder(RecordedDeceleration):
             yield _NOISE
 
 
-class Candidates(Table):
+class Candidates(TomlTable):
     """The designs to compare: every combination of what is listed, every person in every condition.
 
     Attributes:
@@ -139,7 +139,7 @@ class Candidates(Table):
             )
 
 
-class After(Table):
+class After(TomlTable):
     """A study that has begun; the candidates are then what is still to come.
 
     Attributes:
@@ -153,7 +153,7 @@ class After(Table):
     again: bool = False
 
 
-class Precision(Table):
+class Precision(TomlTable):
     """A number that is to be known well enough: half the width of its 90 % interval.
 
     Attributes:
@@ -174,7 +174,7 @@ class Precision(Table):
             yield "one of half_width and relative"
 
 
-class Cost(Table):
+class Cost(TomlTable):
     """Minutes of work, by which the cheapest design is chosen.
 
     Attributes:
@@ -188,7 +188,7 @@ class Cost(Table):
     mass_change_min: Minutes = 2.0
 
 
-class Aim(Table):
+class Aim(TomlTable):
     """When a study counts as having answered, and how sure it is to be of that.
 
     Attributes:
@@ -204,7 +204,7 @@ class Aim(Table):
     seed: Annotated[int, Field(ge=0, le=runtime.MOST_SEED)] = 0
 
 
-class PlanSpecification(Table):
+class PlanSpecification(TomlTable):
     """A whole plan file.
 
     Attributes:

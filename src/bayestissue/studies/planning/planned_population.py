@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from pydantic import BeforeValidator, Field
 from scipy import stats
 
-from bayestissue.base.settings import Table
+from bayestissue.base.settings import TomlTable
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.group_terms import common_coefficient
 from bayestissue.model.hierarchy.priors import (
@@ -41,7 +41,7 @@ from bayestissue.studies.planning.study_model import PlannedModel
 BLOCK = SETTINGS.block
 
 
-class Known(Table):
+class Known(TomlTable):
     """A number that is taken as known."""
 
     distribution: Literal["known"] = "known"
@@ -64,7 +64,7 @@ def _alike(belief: Any) -> Any:
     return Responses[Belief](K=belief, C=belief)
 
 
-class PlannedPopulation(Table):
+class PlannedPopulation(TomlTable):
     """The table ``[population]``: the keys of a model file's ``[priors]``, each a distribution or a number.
 
     All are on the log scale of K (N/m) and C (N s/m), at the reference mass of the analysis.

@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 
 from bayestissue.base import runtime
-from bayestissue.base.settings import Table, checked, only, read_toml
+from bayestissue.base.settings import TomlTable, checked, only, read_toml
 from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.model.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.recordings.dataset.dataset_file import (
@@ -29,7 +29,7 @@ _NUMBERS = ("mass_kg", "velocity_m_s", "energy_J")
 _COLUMNS = ("impact", "subject", "trial", *_NUMBERS, "sampling_rate_hz", "diameter_m", "trace")
 
 
-class Condition(Table):
+class Condition(TomlTable):
     """One experimental condition; of energy, velocity and mass two are given, since E = ½MV².
 
     Attributes:
@@ -74,7 +74,7 @@ Levels = Annotated[
 ]
 
 
-class Factor(Table):
+class Factor(TomlTable):
     """A further column of the impacts, such as the side that is hit or the session.
 
     Attributes:
@@ -89,7 +89,7 @@ class Factor(Table):
     every: bool = True
 
 
-class StudyDesign(Table):
+class StudyDesign(TomlTable):
     """Who is hit how: every person in every condition, as often as ``repeats`` says.
 
     Attributes:
@@ -113,7 +113,7 @@ class StudyDesign(Table):
                 yield f"a different name of each {what}"
 
 
-class Spreads(Table):
+class Spreads(TomlTable, extra="allow"):
     """Standard deviations of log K, log C and the logs of the element's further parameters, by name.
 
     Attributes:
@@ -121,14 +121,13 @@ class Spreads(Table):
         C: of log C.
     """
 
-    model_config = ConfigDict(extra="allow", frozen=True)
     __pydantic_extra__: dict[str, Spread] = Field(init=False)
 
     K: Spread = 0.0
     C: Spread = 0.0
 
 
-class Tissue(Table):
+class Tissue(TomlTable):
     """An element, Kelvin-Voigt unless said: a typical person's K and C, and how they vary.
 
     K and C are at the reference mass:
@@ -196,7 +195,7 @@ class Tissue(Table):
             yield f"sd_group and sd_slope with the keys {allowed}, without {', '.join(strange)}"
 
 
-class RecordedForce(Table):
+class RecordedForce(TomlTable):
     """A force that is recorded beside the deceleration, at the same samples.
 
     A low-pass of the decelerations is not one of the force, whose own acts before its gain and limit.
@@ -223,7 +222,7 @@ class RecordedForce(Table):
     recorder: LowPassFilter | None = None
 
 
-class RecordedDeceleration(Table):
+class RecordedDeceleration(TomlTable):
     """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
 
     What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
@@ -290,7 +289,7 @@ class Recording(RecordedDeceleration):
     force: RecordedForce | None = None
 
 
-class Output(Table):
+class Output(TomlTable):
     """The trace file.
 
     Attributes:
@@ -309,7 +308,7 @@ class Output(Table):
             yield 'traces = "parquet" beside float32, since text has no precision of its own'
 
 
-class Phantom(Table):
+class Phantom(TomlTable):
     """A spring of known stiffness, hit in every condition as people are; a linear one with a damper.
 
     Attributes:
@@ -325,7 +324,7 @@ class Phantom(Table):
     repeats: Annotated[int, Field(ge=1)] = 1
 
 
-class Simulation(Table):
+class Simulation(TomlTable):
     """A whole specification.
 
     Attributes:

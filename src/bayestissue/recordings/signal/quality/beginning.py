@@ -29,7 +29,7 @@ from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.recordings.signal.displacement import Displacements
 from bayestissue.recordings.signal.integrals import trapezoids
 from bayestissue.recordings.signal.padded_traces import Column, Index, Mask, Rows
-from bayestissue.recordings.signal.quality.samples import Recorded, chance
+from bayestissue.recordings.signal.quality.samples import PulseAndRests, chance
 from bayestissue.recordings.signal.signal_settings import BEGINNING
 
 type State = Float[np.ndarray, "4 ..."]
@@ -83,7 +83,7 @@ _LAWS: tuple[Law, ...] = (_stiffening, _in_series, _hertz)
 
 
 def beginning(
-    recorded: Recorded, signal: Displacements, chosen: Mask, uncertainty: Uncertainty
+    recorded: PulseAndRests, signal: Displacements, chosen: Mask, uncertainty: Uncertainty
 ) -> tuple[Mask, Column]:
     """What the recordings say of their beginnings.
 
@@ -122,7 +122,7 @@ def beginning(
     return missed, longest
 
 
-def _blocks(recorded: Recorded, signal: Displacements, rows: Index, uncertainty: Uncertainty) -> _Blocks:
+def _blocks(recorded: PulseAndRests, signal: Displacements, rows: Index, uncertainty: Uncertainty) -> _Blocks:
     """The blocks of some impacts."""
     d, dt, to_peak = signal.deceleration[rows], signal.dt[rows, None], signal.time_to_peak[rows, None]
     velocity, peak = signal.velocity[rows, None], recorded.peak[rows, None]

@@ -27,11 +27,11 @@ from bayestissue.recordings.signal.displacement import BEFORE, Displacements
 from bayestissue.recordings.signal.filters import answers
 from bayestissue.recordings.signal.integrals import trapezoids
 from bayestissue.recordings.signal.padded_traces import Column, Mask, Rows
-from bayestissue.recordings.signal.quality.samples import Recorded, chance
+from bayestissue.recordings.signal.quality.samples import PulseAndRests, chance
 from bayestissue.recordings.signal.signal_settings import LAW, PULSE, SAMPLES
 from bayestissue.recordings.signal.start import deceleration
 
-type Law = Float[np.ndarray, "impact sample term"]
+type LawTerms = Float[np.ndarray, "impact sample term"]
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def motion(signal: Displacements) -> tuple[Rows, Rows]:
     return x + v * number * dt - trapezoids(lost, step), v - lost
 
 
-def laws(x: Rows, v: Rows, used: Mask) -> Iterator[Law]:
+def laws(x: Rows, v: Rows, used: Mask) -> Iterator[LawTerms]:
     """Terms of force laws that together come near every element of this program.
 
     A damper beside a spring that stiffens evenly or steeply; a spring and damper in series, alone or beside a
@@ -75,14 +75,14 @@ def laws(x: Rows, v: Rows, used: Mask) -> Iterator[Law]:
     yield np.stack([positive * root, positive * root * u, s, u], axis=-1)
 
 
-def any_law(x: Rows, v: Rows, used: Mask) -> Law:
+def any_law(x: Rows, v: Rows, used: Mask) -> LawTerms:
     """Terms of a law with all of these at once."""
     first, second, third = laws(x, v, used)
     product = first[..., :1] * first[..., 1:2]
     return np.concatenate([first, second[..., 2:], third[..., :2], product], axis=-1)
 
 
-def no_law(signal: Displacements, used: Mask, recorded: Recorded) -> Mask:
+def no_law(signal: Displacements, used: Mask, recorded: PulseAndRests) -> Mask:
     """Where what the widest law leaves over is more than noise and the laws' own misfit."""
     d, freedom, law = signal.deceleration, recorded.freedom, any_law(*motion(signal), used)
     samples = used.sum(axis=1)
@@ -104,7 +104,7 @@ def gravity_tried(signal: Displacements) -> Column:
     return np.where(signal.gravity == 0, STANDARD_GRAVITY, 0.0)
 
 
-def another_gravity(signal: Displacements, used: Mask, recorded: Recorded) -> Mask:
+def another_gravity(signal: Displacements, used: Mask, recorded: PulseAndRests) -> Mask:
     """Where a drop was declared as none, or none as a drop.
 
     A spring and damper's force over mass is linear in the motion that the recording gives once gravity is
@@ -226,7 +226,7 @@ def _without_filter(signal: Displacements, row: int, a: float, b: float) -> tupl
 
 
 def _fitted(
-    terms: Law, target: Rows, used: Mask, precision: np.ndarray | float = 0.0, ridge: float = 1e-12
+    terms: LawTerms, target: Rows, used: Mask, precision: np.ndarray | float = 0.0, ridge: float = 1e-12
 ) -> tuple[Float[np.ndarray, "impact term"], Rows]:
     """Least squares over the ``used`` samples, with a normal prior of each coefficient about 0.
 

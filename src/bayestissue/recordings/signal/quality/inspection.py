@@ -14,7 +14,7 @@ from bayestissue.recordings.signal.contact import motion_of
 from bayestissue.recordings.signal.displacement import displacements
 from bayestissue.recordings.signal.padded_traces import Column, Index, Mask
 from bayestissue.recordings.signal.quality import beginning, force_laws, samples, velocity
-from bayestissue.recordings.signal.quality.samples import Recorded
+from bayestissue.recordings.signal.quality.samples import PulseAndRests
 from bayestissue.recordings.signal.signal_settings import PULSE, SignalOptions
 
 # By the key of `bayestissue.base.remedies.flags`: of each impact what was found in words, empty where nothing
@@ -100,7 +100,7 @@ def _inspected(
     part: Dataset, options: SignalOptions, implied: list[velocity.Implied]
 ) -> Iterator[tuple[str, list[str]]]:
     recordings = motion_of(part.traces, part.quantity)
-    recorded = Recorded.from_recordings(recordings)
+    recorded = PulseAndRests.from_recordings(recordings)
     limited = recordings.at_limit.sum(axis=1)
     yield _found("clipped.limit", limited > 0, limited)
     known = options.contact == "time-zero"
@@ -143,7 +143,7 @@ def _inspected(
     yield _found("no-law", none, none)
 
 
-def _single_samples(recorded: Recorded, limited: Index) -> Iterator[tuple[str, list[str]]]:
+def _single_samples(recorded: PulseAndRests, limited: Index) -> Iterator[tuple[str, list[str]]]:
     # A plateau repeats its value, and ends at once.
     sound = limited == 0
     spike, repeated, levels = samples.spikes(recorded), samples.standing(recorded), samples.levels(recorded)
@@ -152,7 +152,7 @@ def _single_samples(recorded: Recorded, limited: Index) -> Iterator[tuple[str, l
     yield _found("coarse-steps", np.isfinite(levels), levels)
 
 
-def _at_rest(recorded: Recorded, to_peak: Column, along: float) -> Iterator[tuple[str, list[str]]]:
+def _at_rest(recorded: PulseAndRests, to_peak: Column, along: float) -> Iterator[tuple[str, list[str]]]:
     uneven = samples.uneven(recorded, to_peak)
     frequency, moved = samples.hum(recorded, uneven), samples.moved_zero(recorded, along)
     slow = samples.slow_noise(recorded, to_peak)

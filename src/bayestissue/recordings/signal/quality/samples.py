@@ -26,7 +26,7 @@ from bayestissue.recordings.signal.signal_settings import PULSE, SAMPLES
 
 
 @dataclass(frozen=True)
-class Recorded(PaddedTraces):
+class PulseAndRests(PaddedTraces):
     """Recordings, their offset included, with what is known before any tissue is assumed.
 
     Attributes:
@@ -50,7 +50,7 @@ class Recorded(PaddedTraces):
         return np.maximum(PULSE.worth * self.inside.sum(axis=1), 1)
 
     @classmethod
-    def from_recordings(cls, recordings: PaddedTraces) -> Recorded:
+    def from_recordings(cls, recordings: PaddedTraces) -> PulseAndRests:
         """Find pulse and rests by a running median, whatever the noise and whatever stands beside it."""
         value, inside = recordings.value, recordings.inside
         smooth = np.where(inside, _running_median(value, recordings.n), -np.inf)
@@ -118,7 +118,7 @@ def chance(squares: Column | float, count: Index | int, freedom: Column | float)
     return np.asarray(fdtrc(count, freedom, squares / count))
 
 
-def spikes(recorded: Recorded) -> Index:
+def spikes(recorded: PulseAndRests) -> Index:
     """The first sample of the highest spike of one to three samples; -1 where there is none.
 
     The straight lines through the four samples on either side both miss it, in the same direction, by more
@@ -187,7 +187,7 @@ def _predicting(t: np.ndarray, degree: int) -> np.ndarray:
     return np.linalg.pinv(np.vander(t, degree + 1, increasing=True))[0]
 
 
-def standing(recorded: Recorded) -> Index:
+def standing(recorded: PulseAndRests) -> Index:
     """How many samples of the pulse repeat the one before, where a moving signal would not; else 0.
 
     Counted where the values four samples on either side differ by more than the recorder's step and the noise
@@ -218,13 +218,13 @@ def _longest(condition: Mask) -> Index:
     return best
 
 
-def levels(recorded: Recorded) -> Column:
+def levels(recorded: PulseAndRests) -> Column:
     """The recorder's steps in the peak, where there are fewer than 20; NaN elsewhere."""
     count = recorded.peak / recorded.step
     return np.where(count < SAMPLES.levels, count, np.nan)
 
 
-def segment(recorded: Recorded, quiet: Mask) -> tuple[Rows, Index]:
+def segment(recorded: PulseAndRests, quiet: Mask) -> tuple[Rows, Index]:
     """The samples of one rest from the left, 0 past its end, and how many there are."""
     count, first = quiet.sum(axis=1), np.argmax(quiet, axis=1)
     index = np.arange(max(int(count.max(initial=1)), 1))
@@ -273,7 +273,7 @@ def slope(values: Rows, count: Index, sd: Column) -> tuple[Column, Column]:
     return rate, np.where(count >= SAMPLES.fewest_of_line, p, 1.0)
 
 
-def uneven(recorded: Recorded, to_peak: Column) -> Mask:
+def uneven(recorded: PulseAndRests, to_peak: Column) -> Mask:
     """A rest before contact that is not level: slower than white noise can be, and large enough to matter.
 
     A line matters where it goes on until zero velocity, a wave by its own size. After contact a force may
@@ -287,14 +287,14 @@ def uneven(recorded: Recorded, to_peak: Column) -> Mask:
     return wavy | (p < SAMPLES.alarms / 2) & (risen > SAMPLES.shift * recorded.peak)
 
 
-def level(recorded: Recorded, quiet: Mask) -> Mask:
+def level(recorded: PulseAndRests, quiet: Mask) -> Mask:
     """Whether neither a wave nor a line is found in a rest: what fades has not yet come to rest."""
     values, count = segment(recorded, quiet)
     chances = wave(values, count)[1], slope(values, count, recorded.sd)[1]
     return np.minimum(*chances) > SAMPLES.fades
 
 
-def hum(recorded: Recorded, chosen: Mask) -> Column:
+def hum(recorded: PulseAndRests, chosen: Mask) -> Column:
     """The frequency of a sine through both rests, Hz, where it leaves less than a line does; else NaN."""
     frequency, frequencies = np.full(len(recorded.dt), np.nan), np.arange(*SAMPLES.hum_hz)
     for which in np.flatnonzero(chosen):
@@ -314,7 +314,7 @@ def _sum_of_squares(values: np.ndarray, *columns: np.ndarray) -> float:
     return float(residual @ residual)
 
 
-def mean_at(recorded: Recorded, quiet: Mask) -> tuple[Column, Column]:
+def mean_at(recorded: PulseAndRests, quiet: Mask) -> tuple[Column, Column]:
     """Mean of one rest and its standard error; NaN where it has fewer than five samples."""
     count = quiet.sum(axis=1)
     mean = np.where(quiet, recorded.value, 0).sum(axis=1) / np.maximum(count, 1)
@@ -324,7 +324,7 @@ def mean_at(recorded: Recorded, quiet: Mask) -> tuple[Column, Column]:
     return np.where(known, mean, np.nan), sd / np.sqrt(np.maximum(count, 1))
 
 
-def moved_zero(recorded: Recorded, gravity: float) -> Column:
+def moved_zero(recorded: PulseAndRests, gravity: float) -> Column:
     """By how much the mean after contact is off the one before, or off 0 without one, per peak; else 0.
 
     Force over mass is 0 in flight after contact, and ``gravity`` where the impactor rests on the tissue.
@@ -344,7 +344,7 @@ def moved_zero(recorded: Recorded, gravity: float) -> Column:
     return np.where(moved, change / recorded.peak, 0.0)
 
 
-def starts_off_zero(recorded: Recorded) -> Column:
+def starts_off_zero(recorded: PulseAndRests) -> Column:
     """The first sample as a fraction of the peak, where no rest stands before it and noise is no reason."""
     first = recorded.value[:, 0]
     alone = recorded.before.sum(axis=1) < 5
@@ -352,7 +352,7 @@ def starts_off_zero(recorded: Recorded) -> Column:
     return np.where(off_zero, first / recorded.peak, 0.0)
 
 
-def slow_noise(recorded: Recorded, to_peak: Column) -> Column:
+def slow_noise(recorded: PulseAndRests, to_peak: Column) -> Column:
     """The frequency that the noise at rest goes up to, Hz, where a low-pass is too slow; else NaN.
 
     The root mean square of white noise's first differences is 2^(1/2) times its own; of noise that a low-pass

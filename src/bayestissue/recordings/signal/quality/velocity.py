@@ -36,7 +36,7 @@ from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY, Uncert
 from bayestissue.recordings.signal.displacement import Displacements
 from bayestissue.recordings.signal.integrals import trapezoids
 from bayestissue.recordings.signal.padded_traces import Column, ImpactTraces, Mask
-from bayestissue.recordings.signal.quality.samples import Recorded, chance
+from bayestissue.recordings.signal.quality.samples import PulseAndRests, chance
 from bayestissue.recordings.signal.signal_settings import LAW, PULSE, VELOCITY
 from bayestissue.recordings.signal.start import LeastSquares
 
@@ -80,7 +80,7 @@ class Contradiction:
     fraction: Column
 
 
-def implied(signal: Displacements, recorded: Recorded, uncertainty: Uncertainty) -> Implied:
+def implied(signal: Displacements, recorded: PulseAndRests, uncertainty: Uncertainty) -> Implied:
     """The velocity that each trace implies.
 
     Args:
