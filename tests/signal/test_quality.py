@@ -15,8 +15,7 @@ from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.recordings.signal import SignalOptions
 from bayestissue.recordings.signal.padded_traces import stack
 from bayestissue.recordings.signal.quality import inspect, raised
-from bayestissue.recordings.signal.quality.samples import Recorded as Seen
-from bayestissue.recordings.signal.quality.samples import slope, wave
+from bayestissue.recordings.signal.quality.samples import PulseAndRests, slope, wave
 
 TYPICAL = Impact(67.0, 0.28)
 COUNT = 5
@@ -211,7 +210,7 @@ def test_a_pulse_of_few_samples_is_no_spike_and_one_beside_it_is_found(rate):
 
 def test_the_pulse_is_found_beside_a_spike_above_it():
     lab = spoilt(lambda t, d: d + 2.0 * (np.arange(d.size) == 100))
-    seen = Seen.from_recordings(stack(lab.traces))
+    seen = PulseAndRests.from_recordings(stack(lab.traces))
     highest = TYPICAL.deceleration(np.linspace(0, TYPICAL.time_to_peak, 1000)).max()
     # Five standard deviations of the noise.
     assert seen.peak == pytest.approx([highest] * COUNT, rel=0.025)
