@@ -117,8 +117,7 @@ def reproduce(
     say("auditing the publication", 0, 1)
     results_by_name["audit"] = audit_published(tables)
     analysis = analyse(observations, design, competing, specification, seed, say)
-    names = ("summary", "hypotheses", "comparison", "sensitivity", "predictive_checks")
-    results_by_name |= {name: getattr(analysis, name) for name in names}
+    results_by_name |= analysis.tables
     words, passed = verdict_in_words(analysis.diagnostics), analysis.diagnostics["passed"]
     about = start.record(
         "reproduce",

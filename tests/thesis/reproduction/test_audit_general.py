@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from scipy.linalg import expm
 
+from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.points.point_fit import fit_points
 from bayestissue.thesis.audit import CHECKS_OF_IMPACTS
 from bayestissue.thesis.audit.inconsistencies import (
-    COLUMNS,
     SEVERITIES,
     AuditedImpacts,
     Inconsistency,
@@ -226,7 +226,7 @@ def test_made_up_pulses_bring_the_impactor_to_rest() -> None:
 def test_worst_findings_come_first() -> None:
     impacts = impacts_of(with_constant_frequency(made_up_table()).assign(energy_J=1.0))
     found = as_table(findings(CHECKS_OF_IMPACTS, impacts, "Table 1"))
-    assert list(found.columns) == list(COLUMNS)
+    assert list(found.columns) == columns_of("audit")
     assert set(found["where"]) == {"Table 1"}
     order = [SEVERITIES.index(severity) for severity in found["severity"]]
     assert order == sorted(order)

@@ -3,8 +3,9 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
+from bayestissue.base.results.tables import columns_of
 from bayestissue.recordings.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction import COLUMNS, reproduce_published
+from bayestissue.thesis.reproduction import reproduce_published
 
 
 @pytest.fixture(scope="module")
@@ -13,7 +14,7 @@ def table(published: PublishedTables) -> pd.DataFrame:
 
 
 def test_columns_and_counts(table: pd.DataFrame) -> None:
-    assert tuple(table.columns) == COLUMNS
+    assert list(table.columns) == columns_of("reproduction")
     assert (table["reproduced"] != "").sum() == 191
     assert table["agrees"].value_counts().to_dict() == {True: 110, False: 62}
     assert not table.duplicated(["table", "row", "quantity"]).any()

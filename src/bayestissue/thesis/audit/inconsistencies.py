@@ -12,6 +12,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.base.declarations import declared
+from bayestissue.base.results.tables import columns_of, table_of_rows
 from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction import reproduce_published
 from bayestissue.thesis.reproduction.agreement import decimals
@@ -22,7 +23,6 @@ Bearing = Literal["tissue", "physics", "inputs", "method", "conclusions", "table
 
 SEVERITIES: tuple[Severity, ...] = get_args(Severity)
 BEARINGS: tuple[Bearing, ...] = get_args(Bearing)
-COLUMNS = ("where", "what", "published", "implied", "severity", "explanation")
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,10 @@ class Inconsistency:
 
 
 def as_table(graded: Iterable[Inconsistency]) -> pd.DataFrame:
-    """A table with `COLUMNS`, worst first: by severity, then by what is at stake, then in the order found."""
+    """The table ``audit.csv``, worst first: by severity, what is at stake, then in the order found."""
     ranked = sorted(graded, key=lambda one: (SEVERITIES.index(one.severity), BEARINGS.index(one.bearing)))
-    rows = [[getattr(one, name) for name in COLUMNS] for one in ranked]
-    return pd.DataFrame(rows, columns=list(COLUMNS), dtype="str")
+    rows = ([getattr(one, name) for name in columns_of("audit")] for one in ranked)
+    return table_of_rows("audit", rows).astype("str")
 
 
 type Numbers = Mapping[str, Any]

@@ -23,6 +23,7 @@ from bayestissue.reports.pages.run_folder import (
 )
 from bayestissue.reports.pages.tables import Field, Row, Table, columns, shown, tag
 from bayestissue.reports.pages.wording import listed, significant
+from bayestissue.thesis.audit.inconsistencies import SEVERITIES
 from bayestissue.thesis.reproduction.conditions import Quantity
 
 _TABLES = (*POSTERIOR_TABLES, "reproduction", "audit", "comparison", "predictive_checks")
@@ -137,7 +138,6 @@ def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float
     return Table(columns(*titles, number=titles[1:4]), rows)
 
 
-_SEVERITIES = ("major", "minor", "note")
 _AGREES = {"true": ("yes", "agrees"), "false": ("no", "differs"), "": ("note-level", "not derivable")}
 
 
@@ -181,7 +181,7 @@ def _shortened(text: str) -> str:
 
 def severities(run: PublishedRun) -> str:
     """How many findings of which severity, in words."""
-    counts = [(name, int((run.audit["severity"] == name).sum())) for name in _SEVERITIES]
+    counts = [(name, int((run.audit["severity"] == name).sum())) for name in SEVERITIES]
     return listed([f"{count} {name}" for name, count in counts if count]) or "none"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -14,6 +14,8 @@ import xarray as xr
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.result import Say
+from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.results.cross_validation import prior_sensitivity
@@ -34,7 +36,6 @@ from bayestissue.thesis.reanalysis.observations import PublishedObservations, av
 from bayestissue.thesis.reanalysis.table_chain import EstimatesPosterior, sample_posterior
 from bayestissue.thesis.reanalysis.table_model import EstimatesModel, common_effects, estimates_data
 
-Say = Callable[[str, int, int], None]
 PRIOR_DRAWS = 1000
 
 
@@ -52,8 +53,7 @@ def predictive_checks(
         low, median, high = np.quantile(predicted[name, quantity], [0.05, 0.5, 0.95])
         p = np.mean(predicted[name, quantity] >= value)
         rows.append((name, quantity, value, median, low, high, p))
-    ends = ("predicted_median", "predicted_low", "predicted_high")
-    return pd.DataFrame(rows, columns=["statistic", "quantity", "observed", *ends, "p_value"])
+    return table_of_rows("predictive_checks", rows)
 
 
 def _statistics(
@@ -88,15 +88,11 @@ def _statistics(
 
 @dataclass(frozen=True)
 class PublishedAnalysis:
-    """Every result of the re-analysis, labelled; the tables are the files of a finished run."""
+    """Every result of the re-analysis, labelled; ``tables`` are files of a finished run, by their names."""
 
     tree: xr.DataTree
-    summary: pd.DataFrame
     diagnostics: dict[str, Any]
-    hypotheses: pd.DataFrame
-    comparison: pd.DataFrame
-    sensitivity: pd.DataFrame
-    predictive_checks: pd.DataFrame
+    tables: dict[str, pd.DataFrame]
 
 
 def competing_designs(
@@ -144,15 +140,15 @@ def analyse(
     cells = [*observations.averaged_cells[:, 0], *observations.impact_cell]
     trial = observations.cells["trial"].to_numpy(str)[cells]
     progress = partial(say, "comparing explanations")
-    return PublishedAnalysis(
-        tree,
-        summary,
-        diagnose(summary, r_hat_limit(len(summary), *sampled.y.shape[:2])),
-        derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
-        compare_explanations(model, explanations, trial, settings, seed, progress),
-        prior_sensitivity(tree),
-        _checks(tree, observations),
-    )
+    tables = {
+        "summary": summary,
+        "hypotheses": derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
+        "comparison": compare_explanations(model, explanations, trial, settings, seed, progress),
+        "sensitivity": prior_sensitivity(tree),
+        "predictive_checks": _checks(tree, observations),
+    }
+    diagnostics = diagnose(summary, r_hat_limit(len(summary), *sampled.y.shape[:2]))
+    return PublishedAnalysis(tree, diagnostics, tables)
 
 
 def _checks(tree: xr.DataTree, observations: PublishedObservations) -> pd.DataFrame:

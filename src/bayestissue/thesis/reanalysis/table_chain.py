@@ -17,11 +17,12 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.result import Say
 from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.ending import LookVerdict
 from bayestissue.inference.chain.moves import FREEDOM, StudentT, WalkNumbers, followed, walk
 from bayestissue.inference.chain.results import constrained
-from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
+from bayestissue.inference.chain.run import Chains, Segment, sampled, warmed_up
 from bayestissue.inference.chain.warm_up import nearest_t, walk_start
 from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.inference.execution.kept import evenly_spaced

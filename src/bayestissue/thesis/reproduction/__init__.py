@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import pandas as pd
 
+from bayestissue.base.results.tables import table_of_rows
 from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.claims import claim_lines
 from bayestissue.thesis.reproduction.conditions import summary_lines
 from bayestissue.thesis.reproduction.relations import correlation_lines, regression_lines, stepwise_lines
 
-COLUMNS = ("table", "row", "quantity", "published", "reproduced", "agrees", "note")
-
 
 def reproduce_published(published: PublishedTables) -> pd.DataFrame:
     """Recompute what chapters 5 to 7 print from what is left of their tables.
 
-    Returns one row per printed number, with the columns `COLUMNS`, as they go into ``reproduction.csv``:
+    Returns one row per printed number, with the columns of ``reproduction.csv``:
     ``table`` (or section) and ``row`` (in it; for a section, the number of the claim or of the term),
     ``quantity`` in words, ``published`` as printed (empty where the cell is lost), ``reproduced`` to eight
     digits (empty where it doesn't follow from what is left), ``agrees`` (boolean; missing where either is
@@ -31,5 +28,4 @@ def reproduce_published(published: PublishedTables) -> pd.DataFrame:
         *regression_lines(published),
         *claim_lines(published),
     ]
-    table = pd.DataFrame([asdict(line) for line in lines], columns=list(COLUMNS))
-    return table.astype({"row": "int64", "agrees": "boolean"})
+    return table_of_rows("reproduction", lines).astype({"row": "int64", "agrees": "boolean"})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -28,9 +29,8 @@ class Recomputed:
     hint: str = ""
 
 
-@dataclass(frozen=True)
-class PublishedNumber:
-    """One published number beside the recomputed one."""
+class PublishedNumber(NamedTuple):
+    """One published number beside the recomputed one: a row of ``reproduction.csv``."""
 
     table: str
     row: int
