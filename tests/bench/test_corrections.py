@@ -211,7 +211,7 @@ def test_where_times_and_names_disagree_a_person_says_which_hold(bench: Bench) -
         watch.catch_up(0)
     assert "d12.csv, d11.csv" in str(error.value)
     assert "d1.csv, d2.csv" in str(error.value)
-    assert not watch.drops.all
+    assert not watch.drops.drops
     bench.campaign('files_by = "times"\n' + TOWER)
     bench.begin().catch_up(0)
     assert bench.masses == bench.in_order(*reversed(names))
@@ -557,8 +557,8 @@ def test_a_measured_velocity_counts_more_than_a_planned_one(bench: Bench) -> Non
     bench.record("d1.csv")
     watch = bench.begin(bench.folder)
     watch.catch_up(0)
-    assert watch.drops.all[0].cells["velocity_m_s"] == 1.5
-    assert watch.drops.all[0].cells["mass_kg"] == 0.5
+    assert watch.drops.drops[0].cells["velocity_m_s"] == 1.5
+    assert watch.drops.drops[0].cells["mass_kg"] == 0.5
     assert [row["mass_kg"] for row in watch.left()] == [1.2, 0.5, 1.2]
     bench.campaign(TOWER.replace('order = "order.csv"\n', "") + "mass_kg = 0.6\n")
     with pytest.raises(InputError, match=r"0\.6.*0\.5"):

@@ -134,7 +134,7 @@ def test_a_thousand_drops_and_a_thousand_changes(begin: Callable[[], Watch], rec
     # What the same drops cost pages that were not open all the while.
     a_row = (np.mean(new[1]) - np.mean(new[0])) / (EVENTS / 2)
     row_error = np.sqrt(sum(np.var(sizes, ddof=1) for sizes in new) / PAGES) / (EVENTS / 2)
-    text = (watch.drops.folder / LIST).stat().st_size / len(watch.drops.all)
+    text = (watch.drops.folder / LIST).stat().st_size / len(watch.drops.drops)
     for name, value in {
         "page, bytes a drop": a_drop,
         "new page, bytes a drop": Slope(float(a_row), float(row_error)),

@@ -42,7 +42,7 @@ def test_drops_are_judged_and_the_dataset_grows(begin: Callable[[], Watch], reco
     watch.look()
     write(recorded, NAMES[0], whole)
     watch.look()
-    assert not watch.drops.all, "the one grew, the other is empty"
+    assert not watch.drops.drops, "the one grew, the other is empty"
     for name in NAMES[2:4]:
         write(recorded, name, drop(name))
     watch.catch_up(0)
@@ -88,7 +88,7 @@ def test_the_last_drop_is_taken_back_and_decisions_are_kept(
     after = begin()
     assert sorted(d.left_out for d in after.drops) == ["", "hit the frame", TAKEN_BACK]
     after.catch_up(0)
-    assert len(after.drops.all) == 3, "what was taken back is not taken again"
+    assert len(after.drops.drops) == 3, "what was taken back is not taken again"
     after.decide(last.impact, "")
     assert len(bt.read_dataset(after.drops.folder).impacts) == 2
     with pytest.raises(KeyError):
@@ -198,11 +198,11 @@ def test_the_study_so_far_shrinks_towards_the_person_and_finds_who_is_unlike(
     for name in NAMES:
         write(recorded, name, drop(name))
     watch.catch_up(0)
-    estimates = watch.study.estimates(watch.drops.all[-1])
+    estimates = watch.study.estimates(watch.drops.drops[-1])
     assert estimates is not None
     low, high = estimates.person["K"][1:]
     assert np.sqrt(high / low) - 1 == pytest.approx(estimates.width)
-    of_person = [d.K[0] for d in watch.drops if d.cells["side"] == watch.drops.all[-1].cells["side"]]
+    of_person = [d.K[0] for d in watch.drops if d.cells["side"] == watch.drops.drops[-1].cells["side"]]
     # A person's interval holds the mean of its drops, whose error is far smaller than its width.
     assert low < np.exp(np.mean(np.log(np.array(of_person, float)))) < high
     odd = "s01_right_1.2kg_9.csv"
@@ -225,7 +225,7 @@ def test_drops_on_a_known_spring_are_no_persons(begin: Callable[[], Watch], reco
         watch = begin()
         write(recorded, name, drop(name))
         watch.catch_up(0)
-    person, spring = watch.drops.all
+    person, spring = watch.drops.drops
     assert (person.of_phantom, spring.of_phantom) == (False, True)
     assert watch.study.drops == 1
     assert watch.study.estimates(spring) is None

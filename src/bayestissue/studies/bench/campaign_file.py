@@ -112,12 +112,9 @@ class WatchedCampaign:
     @property
     def suffixes(self) -> tuple[str, ...]:
         """How names of recordings end: as the pattern does, if it says."""
-        ends = [end for end in (*SUFFIXES, *TEXT_SUFFIXES) if self._text.lower().endswith(end)]
+        text = self.pattern.text.lower() if self.pattern else ""
+        ends = [end for end in (*SUFFIXES, *TEXT_SUFFIXES) if text.endswith(end)]
         return (max(ends, key=len),) if ends else SUFFIXES
-
-    @property
-    def _text(self) -> str:
-        return self.pattern.text if self.pattern else ""
 
     def unknown(self, order: Sequence[Mapping[str, Any]]) -> list[str]:
         """The columns of `impacts.csv` that neither names nor order nor facts fill."""
@@ -138,16 +135,24 @@ class WatchedCampaign:
             InputError: its name does not fit the pattern, or a number is none.
         """
         facts = dict(self.facts)
-        for source in (*further, self.pattern.read(Source(Path(file), file)) if self.pattern else {}):
+        for source in (*further, self.read(file)):
             filled = set(map(fills, source))
             facts = {name: text for name, text in facts.items() if fills(name) not in filled}
             facts |= source
         return columns(facts, file)
 
+    def read(self, file: str) -> dict[str, str]:
+        """What the name of a recording says, as text.
+
+        Raises:
+            InputError: it does not fit the pattern.
+        """
+        return self.pattern.read(Source(Path(file), file)) if self.pattern else {}
+
     def named(self, file: str) -> Cells:
         """The cells that the name of a recording fills; none where it does not fit the pattern."""
         try:
-            return columns(self.pattern.read(Source(Path(file), file)), file) if self.pattern else {}
+            return columns(self.read(file), file)
         except InputError:
             return {}
 

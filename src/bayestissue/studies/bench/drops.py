@@ -107,12 +107,19 @@ class Drop:
         return self.left_out not in (UNREADABLE, self.reason if is_spoilt(self.code) else "")
 
 
-@dataclass
-class _Memory:
-    """What `watch.json` holds; see `Drops`.
+@dataclass(eq=False)
+class DropList:
+    """What `watch.json` holds.
 
-    ``tables`` has the digests of each table before and after; ``others`` and ``strange`` are the rows of
-    `impacts.csv` and `left_out.csv` that a person wrote and that belong to no drop.
+    Attributes:
+        drops: in the order in which they were taken.
+        rows: of each recorder's file that was judged, by its name, the number of its row of the order.
+        order: the rows of the order as they were when the list was last written.
+        chosen: facts of the next drops, as they were set on the page.
+        tables: the digests that each table has where no person wrote it: before the program did, and after.
+        refused: of files that were no drop as they were, the SHA-256 that they then had.
+        others: the rows of `impacts.csv` that a person wrote and that belong to no drop.
+        strange: those of `left_out.csv`.
     """
 
     drops: list[Drop]
@@ -125,16 +132,11 @@ class _Memory:
     strange: dict[str, str] = field(default_factory=dict)
 
 
-class Drops:
-    """The drops of a campaign in its dataset's folder.
+class Drops(DropList):
+    """The drops of a campaign in its dataset's folder, with the list of them.
 
     Attributes:
         folder: of the dataset.
-        all: the drops, in the order in which they were taken.
-        rows: of each recorder's file that was judged, by its name, the number of its row of the order.
-        refused: of files that were no drop as they were, the SHA-256 that they then had.
-        order: the rows of the order as they were when the list was last written.
-        chosen: facts of the next drops, as they were set on the page.
         version: counts changes of any kind.
         notes: what is to be said of the tables as they were found.
         pending: whether a table lacks what the list has.
@@ -148,18 +150,11 @@ class Drops:
             InputError: the folder holds something else, was written with other settings, or a table in it
                 can't be used.
         """
+        super().__init__([])
         self.folder, self.campaign, self.version = folder, campaign, 0
-        self.all: list[Drop] = []
-        self.rows: dict[str, int] = {}
-        self.refused: dict[str, str] = {}
-        self.order: list[Cells] = []
-        self.chosen: dict[str, str] = {}
         self.notes: list[str] = []
         self.pending = False
         self.corrected: list[Drop] = []
-        self._others: list[Cells] = []
-        self._strange: dict[str, str] = {}
-        self._digests: dict[str, tuple[str, str]] = {}
         if folder.exists() and any(folder.iterdir()):
             if not (folder / LIST).exists():
                 raise InputError.stated("no-campaign.taken", str(folder), value="a folder with other files")
@@ -186,19 +181,17 @@ class Drops:
     def _remember(self) -> None:
         """Read the list; where it is damaged, make it anew from the tables."""
         try:
-            memory = TypeAdapter(_Memory).validate_json((self.folder / LIST).read_bytes())
-            names = [drop.impact for drop in memory.drops]
+            known = TypeAdapter(DropList).validate_json((self.folder / LIST).read_bytes())
+            names = [drop.impact for drop in known.drops]
         except (ValidationError, KeyError, RecursionError):
             self.notes.append(f"{LIST} was damaged; it is made anew from {IMPACTS} and {LEFT_OUT}")
             if (self.folder / IMPACTS).exists():
-                self.all = [self._recovered(row) for row in self._table() if _file_of(row)]
-            self.corrected = list(self.all)
+                self.drops = [self._recovered(row) for row in self._table() if _file_of(row)]
+            self.corrected = list(self.drops)
             return
         if len(set(names)) < len(names):
             raise InputError.stated("no-campaign.taken", str(self.folder / LIST), value="a drop twice")
-        self.all, self.rows, self.order = memory.drops, memory.rows, memory.order
-        self.chosen, self._digests = memory.chosen, memory.tables
-        self.refused, self._others, self._strange = memory.refused, memory.others, memory.strange
+        vars(self).update(vars(known))
 
     def _recovered(self, row: Cells) -> Drop:
         recording = self.folder / str(row["trace"])
@@ -223,12 +216,12 @@ class Drops:
         renamed, gone = self._corrected_by(table) if table is not None else ({}, set[str]())
         if LEFT_OUT in changed or renamed:
             self._decided_by(stated, renamed, gone)
-        self._digests |= {name: (digests[name], digests[name]) for name in changed}
+        self.tables |= {name: (digests[name], digests[name]) for name in changed}
         self.pending = True
 
     def _known(self, name: str) -> tuple[str, str]:
         """The digests that a table has where no person wrote it."""
-        return self._digests.get(name, ("", ""))
+        return self.tables.get(name, ("", ""))
 
     def _table(self) -> list[Cells]:
         """The rows of `impacts.csv`, as text."""
@@ -244,17 +237,17 @@ class Drops:
 
     def _corrected_by(self, table: list[Cells]) -> tuple[dict[str, str], set[str]]:
         """The former names of drops by those in a table, whose rows they take, and those it lacks."""
-        by_name = {drop.impact: drop for drop in self.all}
-        by_trace = {str(drop.cells["trace"]): drop for drop in self.all}
+        by_name = {drop.impact: drop for drop in self.drops}
+        by_trace = {str(drop.cells["trace"]): drop for drop in self.drops}
         # A row is that of the drop of its name; one whose name is new, that of its recording.
         rows = {name: row for row in table if (name := str(row["impact"])) in by_name}
-        self._others = []
+        self.others = []
         for row in table:
             if str(row["impact"]) in rows:
                 continue
             drop = by_trace.get(str(row.get("trace", "")))
             if drop is None or drop.impact in rows:
-                self._others.append(row)
+                self.others.append(row)
             else:
                 rows[drop.impact] = row
         renamed = {}
@@ -280,21 +273,21 @@ class Drops:
 
     def _decided_by(self, stated: Mapping[str, str], renamed: Mapping[str, str], gone: Set[str]) -> None:
         """Take the reasons of `left_out.csv`, under the names that drops had too."""
-        names = {drop.impact: drop for drop in self.all}
+        names = {drop.impact: drop for drop in self.drops}
         for name, drop in names.items():
             reason = stated.get(name) or stated.get(renamed.get(name, ""), "")
             if reason != drop.left_out and name not in gone:
                 words = f"left out: {reason}" if reason else "used again"
                 self._note(drop, f"{name}: {words}, as {LEFT_OUT} says")
                 drop.left_out = reason
-        others = {str(row["impact"]) for row in self._others}
+        others = {str(row["impact"]) for row in self.others}
         strange = {k: v for k, v in stated.items() if k not in (*names, *renamed.values())}
         self.notes += [
             f"{LEFT_OUT}: {name} is no impact; its row stays"
             for name in strange
-            if name not in (*self._strange, *others)
+            if name not in (*self.strange, *others)
         ]
-        self._strange = strange
+        self.strange = strange
 
     def _note(self, drop: Drop, words: str) -> None:
         self.version += 1
@@ -302,12 +295,12 @@ class Drops:
         self.notes.append(words)
 
     def __iter__(self) -> Iterator[Drop]:
-        return iter(self.all)
+        return iter(self.drops)
 
     @property
     def used(self) -> list[Drop]:
         """Those that are not left out."""
-        return [drop for drop in self.all if not drop.left_out]
+        return [drop for drop in self.drops if not drop.left_out]
 
     def named(self, impact: str) -> Drop:
         """The drop of this name.
@@ -315,14 +308,14 @@ class Drops:
         Raises:
             KeyError: there is none.
         """
-        for drop in self.all:
+        for drop in self.drops:
             if drop.impact == impact:
                 return drop
         raise KeyError(impact)
 
     def of_file(self, file: str) -> Drop | None:
         """The drop that was taken from a recorder's file."""
-        return next((drop for drop in self.all if drop.file == file), None)
+        return next((drop for drop in self.drops if drop.file == file), None)
 
     def row(self, file: str, cells: Cells, earlier: str = "") -> Cells:
         """The row of `impacts.csv` of a recording: its shortest name that no other has, and its place.
@@ -333,8 +326,8 @@ class Drops:
             earlier: the name that the file had before.
         """
         bare = file[: -len(suffix_of(Path(file)))]
-        others = {drop.impact for drop in self.all if drop.file not in (file, earlier)}
-        others |= {str(row["impact"]) for row in self._others}
+        others = {drop.impact for drop in self.drops if drop.file not in (file, earlier)}
+        others |= {str(row["impact"]) for row in self.others}
         # As tables are read.
         names = [
             str(name).strip() for name in (cells.get("impact"), PurePosixPath(bare).name, bare, file) if name
@@ -358,17 +351,17 @@ class Drops:
         Raises:
             OSError: the list can't be written; it then is as it was.
         """
-        before = self.all, self.rows, self.refused
+        before = self.drops, self.rows, self.refused
         drop.changed = self.version = self.version + 1
         known = self.of_file(earlier or drop.file)
-        self.all = [drop if listed is known else listed for listed in self.all] + [drop] * (known is None)
+        self.drops = [drop if listed is known else listed for listed in self.drops] + [drop] * (known is None)
         self.refused = {name: sha256 for name, sha256 in self.refused.items() if name != drop.file}
         if earlier in self.rows:
             # A row goes with its recording.
             self.rows = {drop.file if name == earlier else name: at for name, at in self.rows.items()}
 
         def undo() -> None:
-            self.all, self.rows, self.refused = before
+            self.drops, self.rows, self.refused = before
 
         self._write_or(undo)
 
@@ -426,13 +419,13 @@ class Drops:
 
     def _left_out(self) -> dict[str, str]:
         """The reasons of `left_out.csv`, by the names of impacts."""
-        return {drop.impact: drop.left_out for drop in self.all if drop.left_out} | self._strange
+        return {drop.impact: drop.left_out for drop in self.drops if drop.left_out} | self.strange
 
     def _texts(self) -> dict[str, str]:
         """The tables as they should be; of `impacts.csv` nothing where there is no impact."""
         texts = {LEFT_OUT: left_out_text(self._left_out()), IMPACTS: ""}
         if self.used or (self.folder / IMPACTS).exists():
-            table = pd.DataFrame([{**drop.cells, **drop.further} for drop in self.all] + self._others)
+            table = pd.DataFrame([{**drop.cells, **drop.further} for drop in self.drops] + self.others)
             order = dict.fromkeys([*(name for name in FIRST if name in table), *table.columns])
             texts[IMPACTS] = csv_text(table[list(order)])
         return texts
@@ -444,18 +437,9 @@ class Drops:
         for name, text in self._wanted.items():
             digest, known = _digest(self.folder / name), self._known(name)
             tables[name] = digest if digest in known else known[1], _digest_of(text.encode())
-        memory = _Memory(
-            self.all,
-            self.rows,
-            self.order,
-            self.chosen,
-            tables,
-            self.refused,
-            self._others,
-            self._strange,
-        )
         with whole_file(self.folder / LIST) as staging:
-            staging.write_text(json.dumps(asdict(memory), ensure_ascii=False), encoding="utf-8")
+            content = asdict(self) | {"tables": tables}
+            staging.write_text(json.dumps(content, ensure_ascii=False), encoding="utf-8")
 
     def _write_tables(self) -> None:
         if not (self.folder / SETTINGS).exists():
@@ -475,7 +459,7 @@ class Drops:
 
     def _written(self, name: str) -> None:
         digest = _digest_of(self._wanted[name].encode())
-        self._digests[name] = digest, digest
+        self.tables[name] = digest, digest
 
 
 def _file_of(row: Cells) -> str:

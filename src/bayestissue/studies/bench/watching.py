@@ -123,9 +123,9 @@ class Watch:
 
     def _example(self) -> Impact:
         """The last drop, or one of the dataset that is like, or one that is made up."""
-        if self.drops.all:
+        if self.drops.drops:
             with suppress(InputError):
-                return self.impact(self.drops.all[-1].impact)
+                return self.impact(self.drops.drops[-1].impact)
         if self.campaign.like is not None:
             data = read_dataset(self.campaign.like, skip_bad=True)
             return impact_of(data.select(slice(1)))
@@ -239,19 +239,18 @@ class Watch:
                 continue
             fresh = self._judged(drop.file, drop.cells, impact, drop.sha256)
             self.drops.version += 1
-            fields: dict[str, Any] = {
-                "stamp": drop.stamp,
-                "taken": drop.taken or fresh.taken,
-                "further": drop.further,
-            }
-            fields |= {"changed": self.drops.version}
             keeps = drop.decided or not drop.taken or drop.left_out == UNREADABLE
-            fields |= {"left_out": drop.left_out} if keeps else {}
-            self.drops.all = [
-                replace(fresh, **fields) if earlier is drop else earlier for earlier in self.drops.all
-            ]
+            judged = replace(
+                fresh,
+                stamp=drop.stamp,
+                taken=drop.taken or fresh.taken,
+                further=drop.further,
+                changed=self.drops.version,
+                left_out=drop.left_out if keeps else fresh.left_out,
+            )
+            self.drops.drops = [judged if earlier is drop else earlier for earlier in self.drops]
             self._impacts[drop.impact, drop.sha256] = impact
-            self.say(self.line(self.drops.named(drop.impact)))
+            self.say(self.line(judged))
         if corrected or notes:
             self.study.update(self.drops.used)
         if self.drops.pending and not self._waiting:
@@ -534,7 +533,6 @@ class Watch:
         return f"{Coded.stated('velocity-contradicted')}: {said}" if said else ""
 
     def _judged(self, name: str, row: Cells, impact: Impact, sha256: str) -> Drop:
-        numbers = numbers_of(impact.row)
         flags = [*impact.flags, *(w.code for w in impact.dataset.warnings if w.impact)]
         if another := self._another_velocity(impact):
             flags.append(another)
@@ -554,9 +552,7 @@ class Watch:
             reason=said.reason,
             code=said.code,
             left_out=said.reason if said.spoilt else "",
-            K=numbers["K"],
-            C=numbers["C"],
-            outcomes=numbers["outcomes"],
+            **numbers_of(impact.row),
             **site,
             taken=f"{datetime.now().astimezone():%Y-%m-%d %H:%M:%S}",
         )
@@ -573,11 +569,7 @@ class Watch:
         if moved is not None:
             said = self.campaign.named(moved.file)
             cells = {k: v for k, v in moved.cells.items() if k not in said and k not in ("impact", "trace")}
-            return cells | (
-                columns(self.campaign.pattern.read(Source(Path(name), name)), name)
-                if self.campaign.pattern
-                else {}
-            )
+            return cells | columns(self.campaign.read(name), name)
         at = self.drops.rows.get(name)
         people = self._people()
         if "subject" in (named := self.campaign.named(name)):
@@ -594,7 +586,7 @@ class Watch:
         rows = self.drops.rows
         # A plan is of people alone; an order may have rows of phantoms too.
         named = self.order.people_named
-        known = self.drops.all if drops is None else drops
+        known = self.drops if drops is None else drops
         good = [drop for drop in known if drop.good and (named or not drop.of_phantom)]
         held = [rows[drop.file] for drop in good if drop.file in rows]
         # Of files that nobody has judged yet, since they are empty, still grow, or wait for their turn.
