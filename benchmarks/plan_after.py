@@ -44,7 +44,7 @@ from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal, planner
 from bayestissue.studies.planning.information import simulation_of
 from bayestissue.studies.planning.plan_file import read_plan
-from bayestissue.studies.planning.planned_population import BLOCK, Beliefs, Pilot, PlannedPopulation, Streams
+from bayestissue.studies.planning.planned_population import BLOCK, Pilot, PlannedPopulation, Streams
 from bayestissue.studies.planning.running import Running, RunningPrior, running_study
 from bayestissue.studies.planning.studies import arrangements
 from bayestissue.studies.planning.study_model import planned_model
@@ -93,7 +93,7 @@ def study_of(number: int, model: ModelSpecification) -> Study:
     reference = float(model.reference_mass_kg or 0)
     design = build_design(model.formula, rows, reference_mass_kg=reference, source="study")
     planned, _ = planned_model(model, design)
-    truths = Beliefs(BELIEFS).truths(planned, design, Streams(31, number // BLOCK))
+    truths = BELIEFS.truths(planned, design, Streams(31, number // BLOCK))
     values = {name: float(v.reshape(BLOCK, -1)[number % BLOCK, 0]) for name, v in
               {**truths.hyperparameters, **truths.fixed}.items()}  # fmt: skip
     tissue: dict[str, Any] = {"reference_mass_kg": reference}
@@ -143,7 +143,7 @@ def posterior_of(running: Running, model: ModelSpecification) -> tuple[xr.Datase
     centre = np.broadcast_to(running.centre, (BLOCK, *running.centre.shape))
     present = np.ones(centre.shape[:2], bool)
     planned = arranged.model
-    typical = Beliefs(BELIEFS.at_median()).truths(planned, arranged.design, Streams(0, 0)).hyperparameters
+    typical = BELIEFS.at_median().truths(planned, arranged.design, Streams(0, 0)).hyperparameters
     start = planned.unconstrained(typical)
     drawn = posteriors(PlannedSites(planned, arranged.columns, running.precision, centre, present), start)
     weight = drawn.weight.ravel() / BLOCK
@@ -157,7 +157,7 @@ def posterior_of(running: Running, model: ModelSpecification) -> tuple[xr.Datase
 def next_by_plan(running: Running, draws: xr.Dataset, order: list[str], model: ModelSpecification) -> str:
     """The condition that leaves the fewest undecided bits, as `plan --after` finds it."""
     single = {str(n): v.to_numpy().ravel() for n, v in draws.data_vars.items() if v.dims == ("chain", "draw")}
-    pilot = Pilot(single, float(model.reference_mass_kg or 0), Beliefs(BELIEFS))
+    pilot = Pilot(single, float(model.reference_mass_kg or 0), BELIEFS)
     candidates = [condition for condition in CONDITIONS if order.count(condition.trial) < TWICE]
     people = running.rows[["subject"]].drop_duplicates()
     designs = [

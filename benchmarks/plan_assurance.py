@@ -36,7 +36,7 @@ from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal, planner
 from bayestissue.studies.planning.information import simulation_of
-from bayestissue.studies.planning.planned_population import BLOCK, Beliefs, PlannedPopulation, Streams
+from bayestissue.studies.planning.planned_population import BLOCK, PlannedPopulation, Streams
 from bayestissue.studies.planning.study_model import planned_model
 from bayestissue.studies.simulation import Simulation, simulate
 from bayestissue.studies.simulation.simulation_file import Recording
@@ -138,7 +138,7 @@ def campaign(case: dict[str, Any], study: int) -> Simulation:
     model, _ = planned_model(specification, design)
     # Truths of each case's own, and others than the plan's: what chance does then differs between cases.
     seed = 70 + list(CASES.values()).index(case)
-    truths = Beliefs(population_of(case)).truths(model, design, Streams(seed, study // BLOCK))
+    truths = population_of(case).truths(model, design, Streams(seed, study // BLOCK))
     of_study = {name: float(v[study % BLOCK]) for name, v in truths.hyperparameters.items()}
     fixed = {name: float(v[study % BLOCK, 0]) for name, v in truths.fixed.items()}
     tissue: dict[str, Any] = {
@@ -225,9 +225,7 @@ def reliability(prepared: Prepared, draws: Draws, posterior: xr.Dataset) -> xr.D
 def planned(case: dict[str, Any]) -> list[dict[str, Any]]:
     """A row a share of studies, as a plan has it: those that answer yes, that answer no, and that mislead."""
     simulation = simulation_of(Recording.model_validate(case.get("recorder", GOOD)))
-    plan = planner(
-        [rows_of(case)], specification_of_case(case), Beliefs(population_of(case)), simulation, seed=5
-    )
+    plan = planner([rows_of(case)], specification_of_case(case), population_of(case), simulation, seed=5)
     goal = Goal(case["ask"], case["ask"])
     ((assessed,),) = plan.assess([goal], range(PLANNED // BLOCK), probability=PROBABILITY)
     misleads = (assessed.yes & ~assessed.true) | (assessed.no & assessed.true)

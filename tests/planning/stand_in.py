@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from bayestissue.base.result import Say
 from bayestissue.studies.planning import ledger as module
-from bayestissue.studies.planning.assurance import Assessment, Goal, Progress
+from bayestissue.studies.planning.assurance import Assessment, Goal
 from bayestissue.studies.planning.planned_population import BLOCK
 
 
@@ -57,7 +58,7 @@ class Ready:
         return Traces(self.kernel.normal)
 
     def assess(
-        self, goals: Sequence[Goal], blocks: range, *, probability: float, progress: Progress
+        self, goals: Sequence[Goal], blocks: range, *, probability: float, progress: Say
     ) -> list[list[Assessment]]:
         self.probability = probability
         self.kernel.calls.append((len(self.designs), blocks))

@@ -12,7 +12,7 @@ import bayestissue as bt
 from bayestissue.base import runtime
 from bayestissue.studies.planning.assurance import Goal, Planner, planner
 from bayestissue.studies.planning.information import simulation_of
-from bayestissue.studies.planning.planned_population import Beliefs, Pilot, PlannedPopulation
+from bayestissue.studies.planning.planned_population import Pilot, PlannedPopulation
 from bayestissue.studies.planning.running import RunningPrior, running_study
 from bayestissue.studies.simulation import Simulation, simulate
 from bayestissue.studies.simulation.simulation_file import Recording
@@ -63,7 +63,7 @@ def begun() -> Begun:
         for name, array in posterior.data_vars.items()
         if array.dims == ("chain", "draw")
     }
-    pilot = Pilot(draws, float(fit.prepared.design.reference_mass_kg), Beliefs(PlannedPopulation()))
+    pilot = Pilot(draws, float(fit.prepared.design.reference_mass_kg), PlannedPopulation())
     nobody = running.rows[:0]
     more = pd.concat(
         [running.rows[running.rows["subject"] == "s01"].assign(subject=f"new{n}") for n in range(10)]

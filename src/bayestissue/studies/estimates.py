@@ -14,13 +14,13 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.base.remedies import codes_in
-from bayestissue.base.result import Result
+from bayestissue.base.result import Result, Say
 from bayestissue.base.results.tables import declared_files, read_tables, table_of_rows, typed
 from bayestissue.base.runtime import CommandStart, in_float64, run_record
 from bayestissue.inference.points.notes import PHANTOM, people_alone, said_once
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, UNITS
 from bayestissue.inference.single import impact_estimates
-from bayestissue.inference.single.impact_estimates import Method, Say
+from bayestissue.inference.single.impact_estimates import Method
 from bayestissue.recordings.dataset import as_dataset
 from bayestissue.recordings.signal import SignalOptions, displacements
 from bayestissue.reports.figures.impacts import MASS, axis_title, end

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
 from bayestissue.base import resources, runtime
 from bayestissue.base.errors import Coded, InputError, Problem, refuse
+from bayestissue.base.result import Say
 from bayestissue.base.results.tables import typed
 from bayestissue.base.settings import read_text
 from bayestissue.base.words import Words
@@ -41,7 +41,7 @@ from bayestissue.inference.checking.recording_checks import (
     unused_channels,
 )
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
+from bayestissue.inference.fit import TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import ANOTHER_VELOCITY
 from bayestissue.inference.results.meanings import COLUMNS, symbols
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
@@ -219,6 +219,14 @@ def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
     return {q: formula for q, formula in (("K", K), ("C", K if C is None else C)) if formula is not None}
 
 
+def named_questions(questions: str | Sequence[str] | Mapping[str, str]) -> Mapping[str, str]:
+    """Questions by their names; those without are question_1 and so on."""
+    texts = [questions] if isinstance(questions, str) else questions
+    if isinstance(texts, Mapping):
+        return texts
+    return {f"question_{number}": text for number, text in enumerate(texts, start=1)}
+
+
 def default_model(quantity: str) -> str:
     """The model of a recorded quantity: decelerations of either sign, or displacements."""
     return "arma" if quantity == "displacement" else "impact"
@@ -237,18 +245,15 @@ def resolve(
         model: any of these; `default_model` of the ``quantity`` where None.
         quantity: what was recorded, as `Dataset.recorded` has it.
         formulas: in place of the model's own, by response.
-        questions: beside the model's own; those without names are question_1 and so on.
+        questions: beside the model's own; as of `named_questions`.
 
     Raises:
         InputError: there is no such model or file (see `resources.model_file`), or it is wrong.
     """
-    named_questions = {"question_1": questions} if isinstance(questions, str) else questions
-    if not isinstance(named_questions, Mapping):
-        named_questions = {f"question_{number}": text for number, text in enumerate(named_questions, start=1)}
-    if isinstance(model, ModelSpecification) and not (formulas or named_questions):
+    tables = {"formula": formulas, "questions": named_questions(questions)}
+    if isinstance(model, ModelSpecification) and not any(tables.values()):
         return model, f"model {model.name}"
     content, source, text = _content(model, quantity, formulas)
-    tables = {"formula": formulas, "questions": named_questions}
     completed = content | {key: {**content.get(key, {}), **table} for key, table in tables.items() if table}
     return specification_of(completed, source, text=text), source
 
@@ -515,7 +520,7 @@ class FitJob:
     def _provenance(self, analysis: TraceAnalysis) -> dict[str, Any]:
         """What ``run.json`` says of the fit itself."""
         data, prepared, diagnostics = self.dataset, self.prepared, analysis.diagnostics
-        nouns = Words(data.words)
+        nouns, sizes = Words(data.words), analysis.tree["posterior"].sizes
         return {
             "dataset": data.name,
             "description": data.description,
@@ -532,7 +537,12 @@ class FitJob:
             "seed": self.seed,
             "input_hash": data.input_hash,
             **({"whole_hash": data.whole_hash} if data.whole_hash else {}),
-            **_kept_of_impacts(analysis.tree),
+            # Of many impacts there are fewer draws of a single one.
+            **(
+                {"kept_draws_of_an_impact": sizes["chain"] * sizes["kept_draw"]}
+                if "kept_draw" in sizes
+                else {}
+            ),
             **self._discrepancy(analysis),
             "route": diagnostics.get("route", {}),
             "verdict": {
@@ -593,12 +603,6 @@ def _points_and_flags(job: FitJob) -> tuple[pd.DataFrame, list[list[Coded]]]:
     of_default = signal if options == SignalOptions() else displacements(dataset)
     of_thesis = thesis_table(dataset, displacements(dataset, rule="trapezoidal"), findings)
     return of_thesis, flags_of(dataset, of_default, findings, {})
-
-
-def _kept_of_impacts(tree: xr.DataTree) -> dict[str, Any]:
-    """Of many impacts: how many draws of a single one there are."""
-    sizes = tree["posterior"].sizes
-    return {"kept_draws_of_an_impact": sizes["chain"] * sizes["kept_draw"]} if "kept_draw" in sizes else {}
 
 
 @contextmanager

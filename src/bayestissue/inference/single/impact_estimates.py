@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,6 +11,7 @@ from jaxtyping import Bool
 
 from bayestissue.base.errors import Coded, InputError
 from bayestissue.base.resources import shared
+from bayestissue.base.result import Say
 from bayestissue.inference.checking.findings import PEAK_MISSED
 from bayestissue.inference.checking.recording_checks import missed_peaks
 from bayestissue.inference.execution.kept import some_of
@@ -43,7 +44,7 @@ from bayestissue.mechanics.elements.outcomes import DECLARED, HEADFORM_OUTCOMES,
 from bayestissue.mechanics.oscillator import spring_damper_inverse, to_discrete
 from bayestissue.model.hierarchy.combinations import unsuited
 from bayestissue.model.hierarchy.design import build_design
-from bayestissue.model.hierarchy.specification import Formulas, read_specification
+from bayestissue.model.hierarchy.specification import read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, assemble, facts_of
 from bayestissue.recordings.dataset import as_dataset
 from bayestissue.recordings.dataset.impact_table import of_phantoms
@@ -57,7 +58,6 @@ if TYPE_CHECKING:
     from bayestissue.recordings.dataset import Dataset
 
 Method = Literal["impact", "dds"]
-Say = Callable[[str, int, int], None]
 Told = Bool[np.ndarray, " impact"]
 # Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count;
 # of displacements rounding.
@@ -122,10 +122,8 @@ def by_impact(
         InputError: displacements have uneven times, or a low-pass is declared of them.
     """
     displaced = dataset.quantity == "displacement"
-    # Whoever shares an impact's error of mass, an impact alone has it.
-    alone = {"formula": Formulas(K="1", C="1"), "discrepancy": "none", "mass_error": "impact"}
     file = shared("models", "arma.toml" if displaced else "impact.toml")
-    specification = read_specification(file).model_copy(update=alone)
+    specification = read_specification(file).alone()
     if problems := unsuited(facts_of(dataset, **specification.facts), "likelihood", "estimate"):
         raise InputError(problems)
     rows = signal.n_below_limit >= FEWEST_SAMPLES

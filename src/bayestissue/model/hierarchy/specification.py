@@ -231,6 +231,11 @@ class ModelSpecification(TomlTable):
             )
         return self
 
+    def alone(self) -> Self:
+        """Of one impact by itself, whose error of mass is its own, whoever shares it."""
+        by_itself = {"formula": Formulas(K="1", C="1"), "discrepancy": "none", "mass_error": "impact"}
+        return self.model_copy(update=by_itself)
+
     @property
     def may_add_discrepancy(self) -> bool:
         """Whether the program may add a discrepancy: only to a window that reaches the peak."""

@@ -24,12 +24,10 @@ from jaxtyping import Float
 from scipy.special import stdtr
 
 from bayestissue.base.errors import InputError
-from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.points.notes import PHANTOM
 from bayestissue.model.hierarchy.design import build_design
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.responses import RESPONSES
-from bayestissue.model.hierarchy.specification import Formulas
 from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.recordings.dataset.impact_table import REFERENCE, RESERVED
 from bayestissue.recordings.intake.facts import Cells
@@ -40,7 +38,7 @@ from bayestissue.studies.fitting import resolve
 from bayestissue.studies.init import COUNTS
 from bayestissue.studies.one_impact import Impact
 from bayestissue.studies.planning.assurance import weighted_quantiles
-from bayestissue.studies.planning.information import spreads_of_nuisance, without_nuisance
+from bayestissue.studies.planning.information import told_of_tissue
 from bayestissue.studies.planning.study_model import planned_model
 from bayestissue.studies.planning.study_posterior import PlannedSites, posteriors
 
@@ -116,8 +114,7 @@ class GrowingStudy:
         self._mass_sd = campaign.settings.uncertainty.relative_mass_sd
         model, _ = resolve("impact", formulas={"K": _FORMULA, "C": _FORMULA})
         self._model = model
-        alone = {"formula": Formulas(K="1", C="1"), "discrepancy": "none", "mass_error": "impact"}
-        self._alone = model.model_copy(update=alone)
+        self._alone = model.alone()
         self._posterior: _Posterior | None = None
         self._compiled: set[tuple[int, ...]] = set()
         self._latest: Callable[[], None] | None = None
@@ -129,8 +126,7 @@ class GrowingStudy:
             prepared = prepare(impact.dataset, self._alone, source="watch")
         except InputError:
             return {"centre": None, "precision": None}
-        spread = spreads_of_nuisance(self._alone, prepared.model.nuisance)
-        centre, precision = without_nuisance(expanded(prepared), spread)
+        centre, precision = told_of_tissue(prepared, self._alone)
         if not (np.isfinite(centre).all() and np.isfinite(precision).all()):
             return {"centre": None, "precision": None}
         return {"centre": centre[0].tolist(), "precision": precision[0].tolist()}

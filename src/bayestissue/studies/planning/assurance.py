@@ -8,7 +8,7 @@ is the share of studies that are answered (O'Hagan and Stevens 2001, doi:10.1177
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +19,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float
 
+from bayestissue.base.result import Say
 from bayestissue.base.runtime import cores
 from bayestissue.inference.answers.grammar import Node, parse
 from bayestissue.inference.answers.law import Law
@@ -37,7 +38,6 @@ from bayestissue.studies.planning.study_posterior import PlannedSites, Posterior
 from bayestissue.studies.planning.tabulated_law import planned_law
 from bayestissue.studies.simulation.simulation_file import Simulation
 
-Progress = Callable[[str, int, int], None]
 PER_STUDY = {"p": float, "true": bool, "width": float, "effective": float}
 
 
@@ -156,7 +156,7 @@ class Planner:
         blocks: range,
         *,
         probability: float = 0.95,
-        progress: Progress = lambda *_: None,
+        progress: Say = lambda *_: None,
     ) -> list[list[Assessment]]:
         """Assess every design by every goal.
 

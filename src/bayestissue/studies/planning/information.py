@@ -24,12 +24,12 @@ from jaxtyping import Float
 
 from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.factors.conditional import ConditionalPrior
-from bayestissue.inference.factors.expansions import first_guess
+from bayestissue.inference.factors.expansions import expanded, first_guess
 from bayestissue.inference.factors.sites import laplace_sites
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.model.hierarchy.trace_data import prepare
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.model.hierarchy.trace_models import with_normal_errors
 from bayestissue.recordings.dataset.dataset_file import Gravity, LowPassFilter
 from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
@@ -146,10 +146,7 @@ def information(
         }
     )
     campaign = simulate(planned, seed)
-    alone = specification.model_copy(
-        update={"formula": Formulas(K="1", C="1"), "discrepancy": "none", "mass_error": "impact"}
-    )
-    prepared = prepare(campaign.dataset("plan"), alone, source=specification.name)
+    prepared = prepare(campaign.dataset("plan"), specification.alone(), source=specification.name)
     truth = np.log(campaign.truth[["K_N_per_m", "C_N_s_per_m"]].to_numpy())
     start = first_guess(prepared)
     start[:, :2] = truth
@@ -168,6 +165,14 @@ def information(
     return Information(
         conditions, precision.reshape(len(conditions), SETTINGS.people, size, size), calibration
     )
+
+
+def told_of_tissue(
+    prepared: Prepared, specification: ModelSpecification
+) -> tuple[Float[np.ndarray, "impact 2"], Float[np.ndarray, "impact 2 2"]]:
+    """What each recording tells: `without_nuisance` of its likelihood, expanded at its maximum."""
+    spread = spreads_of_nuisance(specification, prepared.model.nuisance)
+    return without_nuisance(expanded(prepared), spread)
 
 
 def without_nuisance(

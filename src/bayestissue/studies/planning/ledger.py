@@ -15,10 +15,11 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.base import runtime
+from bayestissue.base.result import Say
 from bayestissue.base.results.files import whole_file
 from bayestissue.base.settings import TomlTable
 from bayestissue.model.hierarchy.specification import ModelSpecification
-from bayestissue.studies.planning.assurance import PER_STUDY, Assessment, Goal, Progress, planner
+from bayestissue.studies.planning.assurance import PER_STUDY, Assessment, Goal, planner
 from bayestissue.studies.planning.candidates import Candidate
 from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
 from bayestissue.studies.planning.planned_population import BLOCK, DesignPrior
@@ -59,7 +60,7 @@ class Ledger:
         self,
         seed: int,
         probability: float,
-        say: Progress,
+        say: Say,
         known: pd.DataFrame | None = None,
         parts: Path | None = None,
     ) -> None:

@@ -13,7 +13,7 @@ import pandas as pd
 from bayestissue.base import runtime
 from bayestissue.base.errors import path_argument
 from bayestissue.base.outline import Rows, short
-from bayestissue.base.result import Result
+from bayestissue.base.result import Result, Say
 from bayestissue.base.results.files import write_json
 from bayestissue.base.results.tables import table_of_rows, typed
 from bayestissue.inference.answers.fixed import confounded
@@ -23,8 +23,8 @@ from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, grouping_of
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.reports.pages.plan_page import page_of
-from bayestissue.studies.fitting import formulas_of, silent
-from bayestissue.studies.planning.assurance import Assessment, Goal, Progress
+from bayestissue.studies.fitting import formulas_of, named_questions, silent
+from bayestissue.studies.planning.assurance import Assessment, Goal
 from bayestissue.studies.planning.ledger import Case, Ledger, sha256_of
 from bayestissue.studies.planning.plan_file import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
 from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
@@ -36,7 +36,12 @@ from bayestissue.studies.planning.plan_words import (
     warning,
     what_limits,
 )
-from bayestissue.studies.planning.planned_population import Beliefs, DesignPrior, Pilot, WithoutSpread
+from bayestissue.studies.planning.planned_population import (
+    DesignPrior,
+    Pilot,
+    PlannedPopulation,
+    WithoutSpread,
+)
 from bayestissue.studies.planning.planned_study import PlannedStudy, factors_named, study_of
 from bayestissue.studies.simulation.simulation_file import Recording
 
@@ -109,7 +114,7 @@ def plan(
     dataset: str | Path | None = None,
     studies: int | None = None,
     seed: int | None = None,
-    say: Progress | None = None,
+    say: Say | None = None,
 ) -> Plan:
     """How many people, masses and impacts a study needs to answer its questions, before anyone is hit.
 
@@ -172,9 +177,7 @@ def content_of(
     C: str | None = None,
 ) -> dict[str, Any]:
     """What a plan file of the commonest kind would hold; arguments as of `plan`."""
-    texts = [ask] if isinstance(ask, str) else ask
-    if not isinstance(texts, Mapping):
-        texts = {f"question_{number}": text for number, text in enumerate(texts, start=1)}
+    texts = named_questions(ask)
     factors = factors_named(texts.values()) if within is None and groups is None else []
     for further, named in (({}, within), ({"of_people": True}, groups)):
         factors += [
@@ -209,7 +212,7 @@ def with_changes(plan: PlanSpecification, source: str, table: str, **changed: An
 def carry_out(
     study: PlannedStudy,
     *,
-    say: Progress | None = None,
+    say: Say | None = None,
     known: pd.DataFrame | None = None,
     parts: Path | None = None,
 ) -> Plan:
@@ -364,11 +367,11 @@ def _mean(values: np.ndarray) -> float | None:
 def _at_one_truth(prior: DesignPrior) -> DesignPrior:
     """Every belief at its median."""
     match prior:
-        case Beliefs(population=population):
-            return Beliefs(population.at_median())
+        case PlannedPopulation():
+            return prior.at_median()
         case Pilot(draws=draws, otherwise=otherwise):
             medians = {name: np.median(values, keepdims=True) for name, values in draws.items()}
-            return Pilot(medians, prior.reference_mass_kg, Beliefs(otherwise.population.at_median()))
+            return Pilot(medians, prior.reference_mass_kg, otherwise.at_median())
     raise TypeError(type(prior))
 
 

@@ -119,6 +119,32 @@ class PlannedPopulation(TomlTable):
 
         return self.model_copy(update={name: known(getattr(self, name)) for name in type(self).model_fields})
 
+    def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
+        """Draw every parameter that the model has."""
+        return Truths.of_named(model, design, self.named(model, design, streams))
+
+    def named(
+        self, model: PlannedModel, design: Design, streams: Streams
+    ) -> dict[str, Float[np.ndarray, " study"]]:
+        """Hyperparameters, and coefficients in their covariates' own units, by name."""
+        known = self.by_name()
+        default = half_normal(0.1)
+
+        def drawn(name: str, belief: Any) -> np.ndarray:
+            return np.asarray(quantile(belief, streams.uniform(name)), float)
+
+        # A factor that all masses have in common stands in the place of errors of their own.
+        known |= {f"sd_{name}": Known(value=0.0) for name in model.nuisance}
+        values = {name: drawn(name, known.get(name, default)) for name in model.hyperparameters}
+        for part in design.responses.values():
+            q = part.response
+            names = [intercept(part.parameter), *[f"mass_exponent_{q}"] * (part.log_mass is not None)]
+            values |= {name: drawn(name, known[name]) for name in names}
+            for column, scale in zip(part.names, part.scale, strict=True):
+                name, single = common_coefficient(column, q), self.effects.get(q, {}).get(column)
+                values[name] = drawn(name, single) if single else drawn(name, known[f"covariate_{q}"]) / scale
+        return values
+
 
 def quantile(belief: Any, probability: Any) -> Any:
     """The quantiles of a belief."""
@@ -169,7 +195,7 @@ class Truths:
 
 
 class DesignPrior(Protocol):
-    """Where truths come from: `PlannedPopulation`'s beliefs, or a pilot study's posterior."""
+    """Where truths come from: a `PlannedPopulation`, or a pilot study's posterior."""
 
     def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
         """The truth of each study of a block."""
@@ -191,39 +217,6 @@ class Streams:
     def normal(self, name: str, number: int) -> Float[np.ndarray, "study number"]:
         """Some of each study; of a greater ``number`` the first are the same."""
         return self._generator(name).standard_normal((number, BLOCK)).T
-
-
-@dataclass(frozen=True)
-class Beliefs:
-    """Truths from a `PlannedPopulation`."""
-
-    population: PlannedPopulation
-
-    def truths(self, model: PlannedModel, design: Design, streams: Streams) -> Truths:
-        """Draw every parameter that the model has."""
-        return Truths.of_named(model, design, self.named(model, design, streams))
-
-    def named(
-        self, model: PlannedModel, design: Design, streams: Streams
-    ) -> dict[str, Float[np.ndarray, " study"]]:
-        """Hyperparameters, and coefficients in their covariates' own units, by name."""
-        known = self.population.by_name()
-        default = half_normal(0.1)
-
-        def drawn(name: str, belief: Any) -> np.ndarray:
-            return np.asarray(quantile(belief, streams.uniform(name)), float)
-
-        # A factor that all masses have in common stands in the place of errors of their own.
-        known |= {f"sd_{name}": Known(value=0.0) for name in model.nuisance}
-        values = {name: drawn(name, known.get(name, default)) for name in model.hyperparameters}
-        for part in design.responses.values():
-            q = part.response
-            names = [intercept(part.parameter), *[f"mass_exponent_{q}"] * (part.log_mass is not None)]
-            values |= {name: drawn(name, known[name]) for name in names}
-            for column, scale in zip(part.names, part.scale, strict=True):
-                name, single = common_coefficient(column, q), self.population.effects.get(q, {}).get(column)
-                values[name] = drawn(name, single) if single else drawn(name, known[f"covariate_{q}"]) / scale
-        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +253,7 @@ class Pilot:
 
     draws: Mapping[str, Float[np.ndarray, " draw"]]
     reference_mass_kg: float
-    otherwise: Beliefs
+    otherwise: PlannedPopulation
 
     def rows(self, streams: Streams) -> Int[np.ndarray, " study"]:
         """Which draw each study of a block has."""

@@ -15,6 +15,7 @@ from bayestissue.inference.answers.law import MOTION, Law
 from bayestissue.inference.answers.meaning import quantities, searched
 from bayestissue.inference.answers.questions import (
     Question,
+    of_model,
     outcomes_in,
     problem_of,
     require_outcomes,
@@ -34,12 +35,12 @@ from bayestissue.recordings.dataset.cells import alike
 from bayestissue.studies.finished import read_run
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal
-from bayestissue.studies.planning.begun import begun_study, pilot_of
 from bayestissue.studies.planning.candidates import Candidate, Conditions, grid, largest_of_each
 from bayestissue.studies.planning.information import simulation_of
 from bayestissue.studies.planning.ledger import Case
 from bayestissue.studies.planning.plan_file import PlanSpecification
-from bayestissue.studies.planning.planned_population import Beliefs, DesignPrior
+from bayestissue.studies.planning.planned_population import DesignPrior, PlannedPopulation
+from bayestissue.studies.planning.running import begun_study, pilot_of
 from bayestissue.studies.planning.study_model import planned_model
 from bayestissue.studies.planning.tabulated_law import planned_law
 
@@ -77,7 +78,7 @@ def study_of(plan: PlanSpecification, source: str) -> PlannedStudy:
         InputError: a question or a belief is about what a design can't tell, a formula asks for it, or the
             model or the pilot does not suit: all that is wrong at once.
     """
-    earlier = None if plan.after is None else begun_study(plan.after, Beliefs(plan.population), source)
+    earlier = None if plan.after is None else begun_study(plan.after, plan.population, source)
     designs = tuple(grid(plan.candidates, tuple(plan.recordings)))
     if earlier is None:
         model, model_source = resolve(plan.model, formulas=plan.formula)
@@ -109,11 +110,11 @@ def study_of(plan: PlanSpecification, source: str) -> PlannedStudy:
             masses = sorted(set(rows["mass_kg"]))
             problems += _unanswerable(design, masses, questions, model, law, source)
     problems += _unknown_beliefs(plan, judged, source)
-    prior: DesignPrior = Beliefs(plan.population) if earlier is None else earlier.prior
+    prior: DesignPrior = plan.population if earlier is None else earlier.prior
     words = {} if earlier is None else earlier.words
     if earlier is None and plan.pilot is not None:
         with collected(problems):
-            prior, words = _pilot(plan.pilot, Beliefs(plan.population), model, source)
+            prior, words = _pilot(plan.pilot, plan.population, model, source)
     if problems:
         raise InputError({str(problem): problem for problem in problems}.values())
     simulations = {
@@ -195,9 +196,10 @@ def _adapted(
 
 
 def _questions(plan: PlanSpecification, source: str) -> list[Question]:
-    claimed = [Question(text, f"{source}, questions.{name}", name) for name, text in plan.questions.items()]
     numbers = plan.precision.items()
-    return claimed + [Question(number.of, f"{source}, precision.{name}.of", name) for name, number in numbers]
+    return of_model(plan.questions, source) + [
+        Question(number.of, f"{source}, precision.{name}.of", name) for name, number in numbers
+    ]
 
 
 def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Problem | None:
@@ -280,7 +282,7 @@ def _unknown_beliefs(plan: PlanSpecification, designs: Sequence[Design], source:
 
 
 def _pilot(
-    run: str, otherwise: Beliefs, model: ModelSpecification, source: str
+    run: str, otherwise: PlannedPopulation, model: ModelSpecification, source: str
 ) -> tuple[DesignPrior, Mapping[str, str]]:
     """The posterior of a finished fit, which has to be of the same element, and its dataset's words."""
     pilot = read_run(run)

@@ -65,7 +65,7 @@ class PlannedLaw(Law):
         return values
 
 
-class _Table(NamedTuple):
+class _Tabulated(NamedTuple):
     """An outcome over a tile, or its log."""
 
     grid: RegularGridInterpolator
@@ -77,7 +77,7 @@ class _Table(NamedTuple):
 
 
 @lru_cache(maxsize=SETTINGS.tiles)
-def _tile(law: PlannedLaw, motion: tuple[float, ...], i: int, j: int) -> dict[str, _Table]:
+def _tile(law: PlannedLaw, motion: tuple[float, ...], i: int, j: int) -> dict[str, _Tabulated]:
     """Each outcome over one tile."""
     from scipy.interpolate import RegularGridInterpolator
 
@@ -87,7 +87,7 @@ def _tile(law: PlannedLaw, motion: tuple[float, ...], i: int, j: int) -> dict[st
     for name, values in solved.items():
         positive = bool((values > 0).all())
         on_grid = (np.log(values) if positive else values).reshape(2 * [SETTINGS.points])
-        tables[name] = _Table(RegularGridInterpolator(axes, on_grid), positive)
+        tables[name] = _Tabulated(RegularGridInterpolator(axes, on_grid), positive)
     return tables
 
 
