@@ -17,7 +17,7 @@ import xarray as xr
 from bayestissue.base import runtime
 from bayestissue.base.errors import InputError, path_argument
 from bayestissue.base.outline import Rows, short, span
-from bayestissue.base.result import Made, Result
+from bayestissue.base.result import Made, Result, Say
 from bayestissue.base.results.files import write_json, write_tree
 from bayestissue.base.results.manifest import FileKind, require_file
 from bayestissue.inference.checking.findings import verdict_in_words
@@ -30,7 +30,6 @@ from bayestissue.reports.paper import WIDTH_MM
 if TYPE_CHECKING:
     from bayestissue.inference.answers.predictions import Predicted
     from bayestissue.inference.chain.results import ChainEnd
-    from bayestissue.inference.fit import Say
     from bayestissue.model.hierarchy.recorded import Condition
     from bayestissue.reports.pages.fit.figures import Plots
 

@@ -14,10 +14,11 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.base.padding import padded_impacts
+from bayestissue.base.result import Say
 from bayestissue.inference.chain.chain_settings import FIRST, TOGETHER, ChainSettings
 from bayestissue.inference.chain.moves import State, Steps, Tuning, Visited, transition
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd, constrained
-from bayestissue.inference.chain.run import Chains, Say, Segment, sampled, warmed_up
+from bayestissue.inference.chain.run import Chains, Segment, sampled, warmed_up
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY

@@ -18,13 +18,12 @@ import numpy as np
 from jax import Array
 
 from bayestissue.base import runtime
+from bayestissue.base.result import Say
 from bayestissue.base.results.files import whole_file
 from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.ending import LookVerdict, look
 from bayestissue.inference.samplers.convergence import Draws, convergence
 from bayestissue.model.hierarchy.specification import Sampler
-
-Say = Callable[[str, int, int], None]
 
 _DIGEST = "sha256"
 

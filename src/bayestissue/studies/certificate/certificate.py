@@ -15,12 +15,12 @@ import pandas as pd
 from bayestissue.base import runtime
 from bayestissue.base.errors import InputError
 from bayestissue.base.outline import Rows, short
-from bayestissue.base.result import Result
+from bayestissue.base.result import Result, Say
 from bayestissue.base.results.files import whole_file
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.chain.draws import chain_draws
 from bayestissue.inference.chain.results import ChainEnd
-from bayestissue.inference.fit import Say, sample
+from bayestissue.inference.fit import sample
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.model.hierarchy.trace_data import Prepared, with_discrepancy

@@ -44,43 +44,31 @@ def ranks_of(prepared: Prepared, chains: ChainDraws, truth: Truth, recorded: int
         the drawn ones; and that of the log likelihood of all traces.
     """
     model, design, levels = prepared.model, prepared.design, _levels(prepared)
-    among = Thinned(chains)
     ranks = {
-        name: among.rank(chains.population.hyperparameters[name], truth.population.hyperparameters[name])
+        name: _rank(chains.population.hyperparameters[name], truth.population.hyperparameters[name])
         for name in model.hyperparameters
     }
     for part in model.locations.blocks:
         where = model.locations.parts[part.name]
         where = slice(where.start, where.start + levels.get(part.name, part.width))
-        ranks[part.name] = among.rank(chains.population.b[..., where], truth.population.b[where])
+        ranks[part.name] = _rank(chains.population.b[..., where], truth.population.b[where])
     for q in ("K", "C"):
         # Each covariate's by its own name.
         if (name := f"covariate_effect_{q}") in ranks:
             columns = design.responses[q].names
             ranks |= {f"{name} of {c}": row[None] for c, row in zip(columns, ranks.pop(name), strict=True)}
-    of_impacts = among.rank(chains.u, truth.u, impacts=True)
+    of_impacts = _rank(chains.u, truth.u)
     for number, name in enumerate(("K", "C", *model.nuisance)):
         ranks[f"{name} of recorded impacts"] = of_impacts[:recorded, number]
         ranks[f"{name} of drawn impacts"] = of_impacts[recorded:, number]
     density = log_likelihoods(model, prepared.data, truth.u[None]).sum()
-    return ranks | {"log likelihood": among.rank(chains.log_likelihood, density)}
+    return ranks | {"log likelihood": _rank(chains.log_likelihood, density)}
 
 
-class Thinned:
-    """`DRAWS` draws of all chains, evenly spaced."""
-
-    def __init__(self, chains: ChainDraws) -> None:
-        self._shape = chains.shape
-        self._kept = chains.impact_draws
-
-    def rank(
-        self, draws: np.ndarray, truth: np.ndarray | float, *, impacts: bool = False
-    ) -> Int[np.ndarray, ...]:
-        """Of draws [chain, draw, ...], or [chain, kept, ...] of ``impacts``."""
-        numbers, length = self._kept if impacts else np.arange(self._shape[1]), self._shape[0]
-        rows = evenly_spaced(length * len(numbers), DRAWS)
-        flat = np.asarray(draws).reshape(-1, *np.shape(draws)[2:])[rows]
-        return np.atleast_1d((flat < np.asarray(truth)).sum(axis=0))
+def _rank(draws: Float[np.ndarray, "chain draw ..."], truth: np.ndarray | float) -> Int[np.ndarray, ...]:
+    """Of `DRAWS` draws of all chains, evenly spaced."""
+    flat = np.asarray(draws).reshape(-1, *np.shape(draws)[2:])
+    return np.atleast_1d((flat[evenly_spaced(len(flat), DRAWS)] < np.asarray(truth)).sum(axis=0))
 
 
 def _levels(prepared: Prepared) -> dict[str, int]:

@@ -15,10 +15,9 @@ import pandas as pd
 
 from bayestissue.base import runtime
 from bayestissue.base.outline import markdown_rows
+from bayestissue.base.result import Say
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.reports.pages.tables import shown
-
-Say = Callable[[str, int, int], None]
 
 
 class Compared(NamedTuple):

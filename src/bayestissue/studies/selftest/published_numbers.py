@@ -43,12 +43,7 @@ class Published:
     def differences(self, computed: Mapping[str, float]) -> dict[str, float]:
         """What is farther off than it may be: the number computed less the published one, by name."""
         differences = {name: computed[name] - value for name, value in self.numbers.items()}
-        allowed = {name: self.tolerance_of(name) for name in differences}
-        return {
-            name: difference
-            for name, difference in differences.items()
-            if not abs(difference) <= allowed[name]
-        }
+        return {name: off for name, off in differences.items() if not abs(off) <= self.tolerance_of(name)}
 
     def tolerance_of(self, name: str) -> float:
         """How far off one number may be."""

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from bayestissue.studies.selftest.check_results import Compared, Part, Say, run
+from bayestissue.base.result import Say
+from bayestissue.studies.selftest.check_results import Compared, Part, run
 from bayestissue.studies.selftest.fits import calibrated, recovered, resumed
 from bayestissue.studies.selftest.formats import read_back
 from bayestissue.studies.selftest.published_numbers import PUBLISHED, Published
