@@ -14,7 +14,8 @@ from bayestissue.studies.bench.verdict import _SPOILT, verdict
 
 
 def test_a_sound_drop_is_good() -> None:
-    assert verdict([]) == ("good", "", "", False)
+    assert verdict([]) == ("good", "", "")
+    assert not verdict([]).spoilt
 
 
 @pytest.mark.parametrize(
@@ -23,7 +24,7 @@ def test_a_sound_drop_is_good() -> None:
 def test_a_spoilt_recording_is_repeated_and_a_wrong_setting_looked_at(name: str, kind: str) -> None:
     flag = Coded.stated(name)
     said = verdict([str(flag)])
-    assert said == (kind, flag, flag.code, kind == "again")
+    assert (*said, said.spoilt) == (kind, flag, flag.code, kind == "again")
     assert said.advice == entries()[flag.code].advice
 
 

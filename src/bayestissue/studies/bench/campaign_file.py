@@ -123,7 +123,7 @@ class WatchedCampaign:
         filled = {*map(fills, known), "impact"}
         return [name for name in required_columns() if name not in filled]
 
-    def cells(self, file: str, *further: Mapping[str, str]) -> Cells:
+    def cells(self, file: str, *further: Mapping[str, Any]) -> Cells:
         """The cells of `impacts.csv` of a recording.
 
         Args:
@@ -138,7 +138,7 @@ class WatchedCampaign:
         for source in (*further, self.read(file)):
             filled = set(map(fills, source))
             facts = {name: text for name, text in facts.items() if fills(name) not in filled}
-            facts |= source
+            facts |= {name: str(value) for name, value in source.items()}
         return columns(facts, file)
 
     def read(self, file: str) -> dict[str, str]:

@@ -41,7 +41,7 @@ from bayestissue.recordings.intake.facts import Cells
 from bayestissue.recordings.intake.names import NUMBERS
 from bayestissue.studies.bench.campaign_file import WatchedCampaign
 from bayestissue.studies.bench.following import Stamp
-from bayestissue.studies.bench.verdict import Kind, is_spoilt
+from bayestissue.studies.bench.verdict import DropVerdict, Kind
 
 LIST = "watch.json"
 BY_HAND = "its row was taken out of impacts.csv"
@@ -104,7 +104,12 @@ class Drop:
     @property
     def decided(self) -> bool:
         """Whether a person, not the verdict, left it out or uses it."""
-        return self.left_out not in (UNREADABLE, self.reason if is_spoilt(self.code) else "")
+        return self.left_out not in (UNREADABLE, self.reason if self.verdict.spoilt else "")
+
+    @property
+    def verdict(self) -> DropVerdict:
+        """What to do about it."""
+        return DropVerdict(self.kind, self.reason, self.code)
 
 
 @dataclass(eq=False)

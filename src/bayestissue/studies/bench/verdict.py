@@ -24,14 +24,20 @@ class DropVerdict(NamedTuple):
         kind: "good", "again" where it is to be repeated, or "look" where the bench is to be looked at.
         reason: why, in a few words; empty where it is good.
         code: of the entry of `bayestissue.base.remedies` that says more, if any.
-        spoilt: whether the recording itself is spoilt, and so left out of the dataset. A drop that is only
-            unlike others stays: left out for its number, people would look more alike than they are.
     """
 
     kind: Kind
     reason: str = ""
     code: Code = ""
-    spoilt: bool = False
+
+    @property
+    def spoilt(self) -> bool:
+        """Whether the recording itself is spoilt, which another drop mends, and so left out of the dataset.
+
+        A drop that is only unlike others stays: left out for its number, people would look more alike than
+        they are.
+        """
+        return self.code in _SPOILT
 
     @property
     def words(self) -> str:
@@ -42,11 +48,6 @@ class DropVerdict(NamedTuple):
     def advice(self) -> str:
         """What the reason does to K and C, and what to do."""
         return entries()[self.code].advice if self.code else ""
-
-
-def is_spoilt(code: str) -> bool:
-    """Whether the warning of this code is of a recording that another drop would mend."""
-    return code in _SPOILT
 
 
 def verdict(
@@ -65,7 +66,7 @@ def verdict(
     coded = [(flag, codes[0] if (codes := codes_in(flag)) else "") for flag in flags]
     for flag, code in coded:
         if code in _SPOILT:
-            return DropVerdict("again", flag, code, spoilt=True)
+            return DropVerdict("again", flag, code)
     actual, wanted, within = velocity
     if wanted is not None and abs(actual / wanted - 1) > within:
         return DropVerdict("again", f"{actual:.3g} m/s at contact, and {wanted:.3g} m/s is wanted")

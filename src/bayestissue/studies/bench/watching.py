@@ -403,7 +403,7 @@ class Watch:
                 row_of[name] = at
             try:
                 row = {} if at is None else now[at]
-                cells = self.campaign.cells(name, _as_text(row), self.drops.chosen)
+                cells = self.campaign.cells(name, row, self.drops.chosen)
             except InputError:
                 facts[name] = False, None
             else:
@@ -491,7 +491,7 @@ class Watch:
         self.drops.taken(drop, moved.file if moved else "")
         if moved is not None:
             self._forget(moved)
-        self.last = drop.impact, DropVerdict(drop.kind, drop.reason, drop.code)
+        self.last = drop.impact, drop.verdict
         self._impacts[drop.impact, sha256] = impact
         while len(self._impacts) > _TRACES:
             self._impacts.popitem(last=False)
@@ -548,9 +548,7 @@ class Watch:
             stamp=self._follower.settled.get(name, Stamp(0, 0)),
             sha256=sha256,
             cells=row,
-            kind=said.kind,
-            reason=said.reason,
-            code=said.code,
+            **said._asdict(),
             left_out=said.reason if said.spoilt else "",
             **numbers_of(impact.row),
             **site,
@@ -575,7 +573,7 @@ class Watch:
         if "subject" in (named := self.campaign.named(name)):
             people[str(named["subject"])] = None
         following = {} if at is None else self.order.named(people).get(at, {})
-        return self.campaign.cells(name, _as_text(following), self.drops.chosen)
+        return self.campaign.cells(name, following, self.drops.chosen)
 
     def left(self) -> list[Cells]:
         """The drops that the order or the plan still has."""
@@ -646,7 +644,7 @@ class Watch:
 
     def line(self, drop: Drop) -> str:
         """A drop in one line: its verdict, K, C, force and depth by itself, K in the study, what is left."""
-        words = [f"{drop.impact}: {self.nouns(DropVerdict(drop.kind, drop.reason).words)}"]
+        words = [f"{drop.impact}: {self.nouns(drop.verdict.words)}"]
         words += [f"{q} {_interval(getattr(drop, q))} {unit}" for q, unit in UNITS.items()]
         words += [f"{name} {_interval(drop.outcomes[name])}" for name in [*drop.outcomes][:_SAID]]
         words += map(self.nouns, self.study.words(drop))
@@ -705,10 +703,6 @@ def _is_no_text(name: str) -> bool:
     except UnicodeEncodeError:
         return True
     return False
-
-
-def _as_text(cells: Mapping[str, Any]) -> dict[str, str]:
-    return {name: str(value) for name, value in cells.items()}
 
 
 def _holds(path: Path, sha256: str) -> bool:

@@ -15,7 +15,6 @@ from bayestissue.inference.answers.law import MOTION, Law
 from bayestissue.inference.answers.meaning import quantities, searched
 from bayestissue.inference.answers.questions import (
     Question,
-    of_model,
     outcomes_in,
     problem_of,
     require_outcomes,
@@ -86,17 +85,20 @@ def study_of(plan: PlanSpecification, source: str) -> PlannedStudy:
     else:
         model, model_source, designs = earlier.model, earlier.run, earlier.named(designs)
         reference = model.reference_mass_kg or REFERENCE_MASS_KG
-    problems = _unsuited(plan, model, source)
+    problems = []
+    if model.likelihood != "impact":
+        where = source, None, "model", model.likelihood
+        problems.append(Problem.stated("impossible-plan.likelihood", *where))
     law = planned_law(model, plan.gravity)
-    questions = []
-    for question in _questions(plan, source):
-        if problem := _unreadable(plan, question, source):
+    goals, readable = _goals(plan), []
+    for goal in goals:
+        if problem := _unreadable(goal, source):
             problems.append(problem)
         else:
-            questions.append(question)
+            readable.append(goal)
     largest = largest_of_each(designs)
     adapted = {
-        conditions: {} if earlier else _adapted(model, design, questions, plan, reference)
+        conditions: {} if earlier else _adapted(model, design, readable, plan, reference)
         for conditions, design in largest.items()
     }
     judged: list[Design] = []
@@ -108,7 +110,7 @@ def study_of(plan: PlanSpecification, source: str) -> PlannedStudy:
             design = build_design(formulas, rows, reference_mass_kg=reference, source=named)
             judged.append(design)
             masses = sorted(set(rows["mass_kg"]))
-            problems += _unanswerable(design, masses, questions, model, law, source)
+            problems += _unanswerable(design, masses, readable, model, law, source)
     problems += _unknown_beliefs(plan, judged, source)
     prior: DesignPrior = plan.population if earlier is None else earlier.prior
     words = {} if earlier is None else earlier.words
@@ -127,18 +129,7 @@ def study_of(plan: PlanSpecification, source: str) -> PlannedStudy:
         Case(design, models[design.conditions], prior, simulations[design.recorder], running)
         for design in designs
     )
-    return PlannedStudy(
-        plan, tuple(cases), _goals(plan), words if plan.words is None else plan.words.values()
-    )
-
-
-def _unsuited(plan: PlanSpecification, model: ModelSpecification, source: str) -> list[Problem]:
-    """What keeps a model from analysing a plan, whatever its designs are."""
-    problems = []
-    if model.likelihood != "impact":
-        where = source, None, "model", model.likelihood
-        problems.append(Problem.stated("impossible-plan.likelihood", *where))
-    return problems
+    return PlannedStudy(plan, tuple(cases), goals, words if plan.words is None else plan.words.values())
 
 
 def _models(
@@ -174,7 +165,7 @@ _STANDARD = ("impact", "subject", "trial", "energy_J", *MOTION)
 def _adapted(
     model: ModelSpecification,
     design: Candidate,
-    questions: Sequence[Question],
+    goals: Sequence[Goal],
     plan: PlanSpecification,
     reference: float,
 ) -> dict[str, str]:
@@ -182,8 +173,8 @@ def _adapted(
     factors = [factor.name for factor in plan.candidates.factors]
     named = {
         alike(level.column, factors)
-        for question in questions
-        for quantity in quantities(parse(question.text))
+        for goal in goals
+        for quantity in quantities(goal.node)
         for level in quantity.levels
     }
     wanted = DEFAULT_FORMULA
@@ -195,57 +186,59 @@ def _adapted(
     return dict.fromkeys(missing, str(resolve_formula(wanted, design.rows(), reference).terms))
 
 
-def _questions(plan: PlanSpecification, source: str) -> list[Question]:
-    numbers = plan.precision.items()
-    return of_model(plan.questions, source) + [
-        Question(number.of, f"{source}, precision.{name}.of", name) for name, number in numbers
-    ]
+def _key(goal: Goal) -> str:
+    """Where the plan has its text."""
+    return f"questions.{goal.name}" if goal.width is None else f"precision.{goal.name}.of"
 
 
-def _unreadable(plan: PlanSpecification, question: Question, source: str) -> Problem | None:
+def _question(goal: Goal, source: str) -> Question:
+    return Question(goal.text, f"{source}, {_key(goal)}", goal.name)
+
+
+def _unreadable(goal: Goal, source: str) -> Problem | None:
     """A slip of form, a claim where a number belongs, or a number where a claim does."""
-    name, text = question.name, question.text
     try:
-        node = parse(text)
+        node = goal.node
     except QuestionError as slip:
-        return problem_of(slip, question)
-    is_question, is_claim = name in plan.questions, claims(node)
+        return problem_of(slip, _question(goal, source))
+    is_question, is_claim = goal.width is None, claims(node)
+    where = source, None, _key(goal), goal.text
     if is_question and not is_claim:
-        return Problem.stated("impossible-plan.claim", source, None, f"questions.{name}", text)
+        return Problem.stated("impossible-plan.claim", *where)
     if (is_claim or isinstance(node, Choice)) and not is_question:
-        return Problem.stated("impossible-plan.number", source, None, f"precision.{name}.of", text)
+        return Problem.stated("impossible-plan.number", *where)
     if searched(node):
-        key = f"questions.{name}" if is_question else f"precision.{name}.of"
-        return Problem.stated("impossible-plan.critical", source, None, key, text)
-    signed = isinstance(node, Quantity) and node.name.startswith(_SIGNED)
-    if signed and not is_question and plan.precision[name].relative:
-        return Problem.stated("impossible-plan.relative", source, None, f"precision.{name}.relative", text)
+        return Problem.stated("impossible-plan.critical", *where)
+    if goal.relative and isinstance(node, Quantity) and node.name.startswith(_SIGNED):
+        key = f"precision.{goal.name}.relative"
+        return Problem.stated("impossible-plan.relative", source, None, key, goal.text)
     return None
 
 
 def _unanswerable(
     design: Design,
     masses_kg: Sequence[float],
-    questions: Sequence[Question],
+    goals: Sequence[Goal],
     model: ModelSpecification,
     law: Law,
     source: str,
 ) -> list[Problem]:
-    """Questions about what this design does not have."""
+    """Goals about what this design does not have."""
     problems: list[Problem] = []
     draws = _example(design, model)
     further = [parameter.name for parameter in element(model.element).extra]
     words: dict[str, Any] = {"element": model.element, "parameters": ", ".join(further)}
-    for question in questions:
-        exponents = [q.name for q in quantities(parse(question.text)) if q.name.startswith("mass_exponent_")]
+    for goal in goals:
+        exponents = [q.name for q in quantities(goal.node) if q.name.startswith("mass_exponent_")]
         if exponents and len(masses_kg) == 1:
             where = source, None, "candidates.masses_kg", masses_kg[0]
-            names: dict[str, Any] = {"exponent": exponents[0], "name": question.name}
+            names: dict[str, Any] = {"exponent": exponents[0], "name": goal.name}
             problems.append(Problem.stated("impossible-plan.one-mass", *where, **names))
             continue
         with collected(problems):
+            question = _question(goal, source)
             require_readable([question], design.recorded, draws)
-            if outcomes_in(parse(question.text), design.recorded) and further:
+            if outcomes_in(goal.node, design.recorded) and further:
                 raise InputError.stated(
                     "impossible-plan.outcome", *(source, None, "model", model.name), **words
                 )
