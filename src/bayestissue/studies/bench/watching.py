@@ -28,7 +28,6 @@ from bayestissue.inference.single.impact_estimates import outcomes_in
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.recordings.dataset.impact_table import required_columns
 from bayestissue.recordings.dataset.ragged_traces import Traces
-from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.build import RECORDINGS
 from bayestissue.recordings.intake.facts import Cells
 from bayestissue.recordings.intake.folder import natural
