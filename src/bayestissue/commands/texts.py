@@ -7,6 +7,7 @@ import json
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import groupby
 from typing import Annotated
 
@@ -28,7 +29,7 @@ def explain(
     """
     from bayestissue.commands.console import echo
 
-    known = {str(code): entry for code, entry in entries().items()} | _retired_names()
+    known = entries() | _retired_names()
     if unknown := [code for code in codes or () if code not in known]:
         raise InputError(_unknown(code, list(known)) for code in unknown)
     chosen = [known[code] for code in codes or ()] or list(entries().values())
@@ -43,19 +44,14 @@ def explain(
 def _lines(entry: Remedy) -> Iterator[str]:
     from bayestissue.commands.console import SCREEN
 
+    filled = partial(textwrap.fill, width=SCREEN.width, initial_indent="    ")
     yield f"{entry.code}: {entry.title}"
     for heading, text in entry.parts:
         yield f"\n  {heading}"
-        yield textwrap.fill(text, SCREEN.width, initial_indent="    ", subsequent_indent="    ")
-    if entry.code == "retired":
-        for kind, names in retired().items():
-            for name, instead in names.items():
-                yield textwrap.fill(
-                    f"{kind} {name}: {instead}",
-                    SCREEN.width,
-                    initial_indent="    ",
-                    subsequent_indent="      ",
-                )
+        yield filled(text, subsequent_indent="    ")
+    for kind, names in retired().items() if entry.code == "retired" else ():
+        for name, instead in names.items():
+            yield filled(f"{kind} {name}: {instead}", subsequent_indent="      ")
 
 
 def _retired_names() -> dict[str, Remedy]:

@@ -409,15 +409,9 @@ def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]
 
 def _require_unit(file: RecorderFile, usual: dict[str, str]) -> None:
     """Refuse a file whose channel has another unit than that of the others: one unit holds for a dataset."""
-    problems = [
-        Problem.stated(
-            "mixed-units",
-            file.name,
-            column=name,
-            value=file.channels[name].unit or "no unit",
-            unit=unit or "which state none",
-        )
-        for name, unit in usual.items()
-        if name in file.channels and file.channels[name].unit != unit
-    ]
+    problems = []
+    for name, usual_unit in usual.items():
+        if name in file.channels and (unit := file.channels[name].unit) != usual_unit:
+            where = file.name, None, name, unit or "no unit"
+            problems.append(Problem.stated("mixed-units", *where, unit=usual_unit or "which state none"))
     refuse(problems)

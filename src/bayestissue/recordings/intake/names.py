@@ -325,12 +325,9 @@ def _recognised(texts: set[str]) -> str | None:
         return f"{before}{{{_UNITS[after]}}}{after}"
     if len(texts) == 1:
         return texts.pop().replace("{", "{{").replace("}", "}}")
-    if {text.lower() for text in texts} <= _SIDES:
-        return "{side}"
-    if {text.lower() for text in texts} <= _TIMES:
-        return "{session}"
-    if {text.lower() for text in texts} <= _GROUPS:
-        return "{group}"
+    for name, words in (("side", _SIDES), ("session", _TIMES), ("group", _GROUPS)):
+        if {text.lower() for text in texts} <= words:
+            return f"{{{name}}}"
     if after is None:
         return None
     if not after and before.lower() in _SESSIONS:

@@ -221,10 +221,8 @@ def from_time_zero(recordings: PaddedTraces) -> tuple[Index, Column]:
     """The first sample at or after time 0, and the seconds from time 0 to it."""
     # Times are sums and quotients in floating point: a millionth of an interval counts as no time.
     since = -recordings.start / recordings.dt - 1e-6
-    first = np.ceil(since).astype(int)
-    if recordings.sample_number is not None:
-        first = first_where(recordings.inside & (recordings.sample_number >= since[:, None]), recordings.n)
-    first = np.clip(first, 0, recordings.n - 1)
+    behind = recordings.inside & (recordings.sample_numbers >= since[:, None])
+    first = first_where(behind, recordings.n - 1)
     return first, np.maximum(recordings.start + recordings.sample_number_of(first) * recordings.dt, 0)
 
 

@@ -32,11 +32,7 @@ from bayestissue.recordings.signal.start import Start, beyond_limit, find_start
 FEWEST_SAMPLES = 8
 TOO_FEW = Coded.stated("too-few-samples", fewest=FEWEST_SAMPLES)
 NO_CONTACT = Coded.stated("drift.contact")
-UNEVEN = Coded.stated("uneven-times")
-LONGER = Coded.stated("clipped.few")
 SLOWLY = Coded.stated("few-samples")
-NO_OFFSET = Coded.stated("no-quiet-part")
-ON_SAMPLE = Coded.stated("contact-on-sample")
 NOT_ON_SAMPLE = Coded.stated("contact-between")
 BELOW_ZERO = Coded.stated("starts-deep.below")
 # Samples before contact that are kept, at the most.
@@ -186,7 +182,8 @@ def displacements(
     if phase.known:
         signals = tuple(_integrated(met(rows), options, rule, phase)[0] for rows in blocks)
     signal = _joined(signals)
-    of_phase = [ON_SAMPLE] * (phase.known and phase.judged) + [NOT_ON_SAMPLE] * phase.contradicted
+    of_phase = [Coded.stated("contact-on-sample")] * (phase.known and phase.judged)
+    of_phase += [NOT_ON_SAMPLE] * phase.contradicted
     return replace(signal, phase=phase, notes=[row + of_phase for row in signal.notes])
 
 
@@ -334,7 +331,7 @@ def _integrated(
         MotionFromContact(recorded, x, v, start, stop, quiet.noise_sd),
         options,
         flags,
-        {NO_OFFSET: ~quiet.there, UNEVEN: part.uneven},
+        {Coded.stated("no-quiet-part"): ~quiet.there, Coded.stated("uneven-times"): part.uneven},
         offset=quiet.offset,
         offset_sd=quiet.offset_sd,
         interval_s=np.where(bracketed, dt, 0.0),
@@ -403,15 +400,18 @@ def _windowed(
 ) -> Displacements:
     """A motion over the window; ``columns`` are attributes as they are."""
     part, start, stop, n = motion.traces, motion.start, motion.stop, motion.samples_in(options.window)
-    at_limit = part.clipped != 0
-    below = (at_limit[:, : int(n.max())] & (np.arange(int(n.max())) < n[:, None])).sum(axis=1)
-    longer = at_limit.any(axis=1) & (n - below < WINDOW.few_below)
-    slowly = ~longer & (n - below < FEWEST_SAMPLES) & (options.window == "peak") & stop.reached
+    sample = np.arange(part.clipped.shape[1])
+
+    def below_limit(n: Index) -> Index:
+        return ((sample < n[:, None]) & ~part.at_limit).sum(axis=1)
+
+    longer = part.at_limit.any(axis=1) & (below_limit(n) < WINDOW.few_below)
+    slowly = ~longer & (below_limit(n) < FEWEST_SAMPLES) & (options.window == "peak") & stop.reached
     if (longer | slowly).any():
         # What the sensor did not see on the way in stands on the way back.
         n = np.where(longer | slowly, np.maximum(n, motion.samples_in("rebound")), n)
     used = np.arange(int(n.max())) < n[:, None]
-    few = n - (used & at_limit[:, : used.shape[1]]).sum(axis=1) < FEWEST_SAMPLES
+    few = below_limit(n) < FEWEST_SAMPLES
     drifts = few & flags.get(NO_CONTACT, False)
     of_samples = (motion.x, motion.v, part.value, part.clipped)
     x, v, d, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in of_samples)
@@ -437,7 +437,7 @@ def _windowed(
         peak_displacement=stop.x,
         noise_sd=motion.noise_sd,
         flags=by_impact({**flags, NO_CONTACT: drifts, TOO_FEW: few & ~drifts}, len(n)),
-        notes=by_impact({**notes, LONGER: longer, SLOWLY: slowly & ~few}, len(n)),
+        notes=by_impact({**notes, Coded.stated("clipped.few"): longer, SLOWLY: slowly & ~few}, len(n)),
         **columns,
     )
 
