@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -84,13 +85,12 @@ def build(folder: Path, recordings: RecorderFolder, facts: Facts, choices: Choic
     """
     problems = [*recordings.problems, *facts.problems]
     settings = _settings(choices, len(recordings.files))
-    plan = _Plan(recordings, facts, choices, _signal(settings, problems))
+    plan = _Plan(recordings, facts, choices, settings, _signal(settings, problems))
     rows = list(plan.rows(problems))
     if not rows:
         raise InputError(problems)
-    _write(folder, settings, rows, recordings)
     try:
-        dataset = read_dataset(folder)
+        dataset = plan.dataset(folder, rows)
     except InputError as error:
         if mended := _of_another_force(choices, error.problems):
             revised, notes = mended
@@ -98,12 +98,10 @@ def build(folder: Path, recordings: RecorderFolder, facts: Facts, choices: Choic
             return replace(built, notes=(*built.notes, *notes))
         problems += plan.in_terms_of_init(error.problems, rows)
     if problems:
-        rows = _fit_to_use(rows, problems, recordings, choices) if choices.skip_bad else []
+        rows = plan.fit_to_use(rows, problems) if choices.skip_bad else []
         if not rows:
             raise InputError(problems)
-        _write(folder, settings, rows, recordings)
-        write_left_out(folder, _reasons(problems, recordings, {row["impact"] for row in rows}))
-        dataset = read_dataset(folder)
+        dataset = plan.dataset(folder, rows, problems)
     signal = displacements(dataset)
     return Built(dataset, signal, tuple(problems), tuple(_notes(dataset, signal, choices)))
 
@@ -120,29 +118,6 @@ def _of_another_force(choices: Choices, problems: Iterable[Problem]) -> tuple[Ch
         return choices.stating(beside=choices.beside | {"scale": -1.0}), []
     note = said("notes.unfit", channel=unfit[0].column, why=_in_terms_of_init(unfit[0]))
     return choices.stating(beside={}), [note]
-
-
-def _fit_to_use(
-    rows: list[dict[str, Any]], problems: list[Problem], recordings: RecorderFolder, choices: Choices
-) -> list[dict[str, Any]]:
-    """The rows with nothing wrong; none where a problem is not of one impact or one of the files alone."""
-    bad = {problem.impact for problem in problems}
-    files = {file.name for file in recordings.files} | {problem.file for problem in recordings.problems}
-    files |= {choices.table.name} if choices.table else set()
-    of_all = any(problem.impact is None and problem.file not in files for problem in problems)
-    return [] if of_all else [row for row in rows if row["impact"] not in bad]
-
-
-def _reasons(problems: Iterable[Problem], recordings: RecorderFolder, used: set[str]) -> dict[str, str]:
-    """For each recording or impact that is left out why, as `left_out.csv` has it."""
-    reasons: dict[str, list[str]] = {}
-    known = {*(file.name for file in recordings.files), *(problem.file for problem in recordings.problems)}
-    for problem in problems:
-        name = problem.impact or _impact_name(Source.at(Path(problem.file), problem.file))
-        name = problem.file if name in used else name
-        if problem.impact or problem.file in known:
-            reasons.setdefault(name, []).append(reason_of(problem))
-    return {name: f"{NEVER_READ}{'; '.join(dict.fromkeys(why))}" for name, why in reasons.items()}
 
 
 def _impact_name(file: Source) -> str:
@@ -171,24 +146,6 @@ def _option_of(key: str) -> str | None:
     if table == "channel":
         return f"--force {name.removeprefix('0').removeprefix('.')}".strip()
     return _OPTIONS.get(key) or (f"--recorder {name}" if table == "recorder" else key or None)
-
-
-def _write(
-    folder: Path, settings: dict[str, Any], rows: list[dict[str, Any]], recordings: RecorderFolder
-) -> None:
-    table = pd.DataFrame(rows)
-    order = dict.fromkeys([*(name for name in FIRST if name in table), *table.columns])
-    write_dataset(folder, settings=settings, impacts=table[list(order)])
-    if "uncertainty" not in settings:
-        with (folder / SETTINGS).open("a", encoding="utf-8") as settings_file:
-            settings_file.write(said("written.uncertainty"))
-    used = set(table["trace"])
-    shutil.rmtree(folder / RECORDINGS, ignore_errors=True)
-    for file in recordings.files:
-        if f"{RECORDINGS}/{file.name}" in used:
-            copy = folder / RECORDINGS / file.source.name
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file.source.path, copy)
 
 
 def _in_terms_of_init(problem: Problem) -> Problem:
@@ -241,14 +198,62 @@ class _Plan:
     recordings: RecorderFolder
     facts: Facts
     choices: Choices
+    settings: dict[str, Any]
     signal: SignalSettings
+
+    def dataset(self, folder: Path, rows: list[dict[str, Any]], problems: Iterable[Problem] = ()) -> Dataset:
+        """The dataset of these rows, written and read back; ``problems`` say why others are left out."""
+        table = pd.DataFrame(rows)
+        order = dict.fromkeys([*(name for name in FIRST if name in table), *table.columns])
+        write_dataset(folder, settings=self.settings, impacts=table[list(order)])
+        if "uncertainty" not in self.settings:
+            with (folder / SETTINGS).open("a", encoding="utf-8") as settings_file:
+                settings_file.write(said("written.uncertainty"))
+        used = set(table["trace"])
+        shutil.rmtree(folder / RECORDINGS, ignore_errors=True)
+        for file in self.recordings.files:
+            if f"{RECORDINGS}/{file.name}" in used:
+                copy = folder / RECORDINGS / file.source.name
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file.source.path, copy)
+        write_left_out(folder, self._reasons(problems, set(table["impact"])))
+        return read_dataset(folder)
+
+    @cached_property
+    def files(self) -> set[str]:
+        """The names of all files of the folder, those that could not be read too."""
+        unread = (problem.file for problem in self.recordings.problems)
+        return {*(file.name for file in self.recordings.files), *unread}
+
+    def fit_to_use(self, rows: list[dict[str, Any]], problems: list[Problem]) -> list[dict[str, Any]]:
+        """The rows with nothing wrong; none where a problem is not of an impact or one of the files alone."""
+        bad, table = {problem.impact for problem in problems}, self.choices.table
+        files = self.files | ({table.name} if table else set())
+        of_all = any(problem.impact is None and problem.file not in files for problem in problems)
+        return [] if of_all else [row for row in rows if row["impact"] not in bad]
+
+    def _reasons(self, problems: Iterable[Problem], used: set[str]) -> dict[str, str]:
+        """For each recording or impact that is left out why, as `left_out.csv` has it."""
+        reasons: dict[str, list[str]] = {}
+        for problem in problems:
+            name = problem.impact or _impact_name(Source.at(Path(problem.file), problem.file))
+            name = problem.file if name in used else name
+            if problem.impact or problem.file in self.files:
+                reasons.setdefault(name, []).append(reason_of(problem))
+        return {name: f"{NEVER_READ}{'; '.join(dict.fromkeys(why))}" for name, why in reasons.items()}
 
     def rows(self, problems: list[Problem]) -> Iterator[dict[str, Any]]:
         """The rows; what is wrong with a file goes to ``problems``."""
         files = self.recordings.files
         bare = {file.name: _impact_name(file.source) for file in files}
         short = Counter(PurePosixPath(name).name for name in bare.values())
-        usual = _usual_units(self.recordings, self.choices)
+        known = *map(self.choices.stated, ("channel", "time")), self.choices.beside.get("value_column")
+        # The unit that most of the files state.
+        usual = {
+            name: Counter(channel.unit for channel in channels).most_common(1)[0][0]
+            for name, channels in self.recordings.candidates().items()
+            if name in known
+        }
         for file in files:
             if file.name not in self.facts.of_file:
                 continue
@@ -395,16 +400,6 @@ def blow_again(trace: Trace, *, threshold: float = Cutting.threshold) -> float |
     apart = [2 * valley < value[at] - value.min() for at, valley in zip(others, valleys, strict=True)]
     high = [at for at, down in zip(others, apart, strict=True) if down and value[at] >= value[first] / 2]
     return float(min(abs(time[at] - time[first]) for at in high)) if high else None
-
-
-def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]:
-    """The unit that most of the files state for the values, and for the times, by the channel."""
-    units = {
-        name: Counter(channel.unit for channel in channels)
-        for name, channels in recordings.candidates().items()
-        if name in (choices.stated("channel"), choices.stated("time"), choices.beside.get("value_column"))
-    }
-    return {name: count.most_common(1)[0][0] for name, count in units.items()}
 
 
 def _require_unit(file: RecorderFile, usual: dict[str, str]) -> None:
