@@ -432,18 +432,20 @@ class _Chain(NamedTuple):
     def values(
         self,
         truth: pd.DataFrame,
-        exact: Float[np.ndarray, "impact sample"],
+        moved: Float[np.ndarray, "impact step"],
         recorded: Bool[np.ndarray, "impact sample"],
-        noise: Float[np.ndarray, " recorded"],
+        grid: _Grid,
     ) -> Float[np.ndarray, " recorded"]:
         """The samples that are recorded, one impact's after another's.
 
         Args:
             truth: the impacts.
-            exact: what comes out of the low-pass.
+            moved: their decelerations at the times of the ``grid``.
             recorded: which samples are.
-            noise: of variance 1.
+            grid: of the motion.
         """
+        exact = grid.passed(self.sensed(truth, moved), self.recorder)
+        noise = grid.noise(self.recorder, recorded, self.random)
         gain, offset = (truth[name].to_numpy()[:, None] for name in (self.gain, self.offset))
         sd = np.hypot(self.noise_sd[0], self.noise_sd[1] * exact.max(axis=1, keepdims=True))
         value = (gain * exact + offset)[recorded] + np.repeat(sd[:, 0], recorded.sum(axis=1)) * noise
@@ -488,10 +490,7 @@ def _recorded(
         met = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
         moved, block = np.asarray(met)[: part.stop - begin], truth.iloc[part]
         recorded = np.arange(n.max()) < n[part, None]
-        passed = [grid.passed(chain.sensed(block, moved), chain.recorder) for chain in chains]
-        noises = [grid.noise(chain.recorder, recorded, chain.random) for chain in chains]
-        parts = zip(chains, passed, noises, strict=True)
-        yield [chain.values(block, exact, recorded, noise) for chain, exact, noise in parts]
+        yield [chain.values(block, moved, recorded, grid) for chain in chains]
 
 
 class _Grid(NamedTuple):
