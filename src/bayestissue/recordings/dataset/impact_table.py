@@ -143,7 +143,10 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
     problems: list[Problem] = []
     for column in (columns[name] for name in ("impact", *_GROUPS)):
         problems += column.wrong(column.empty, "empty-cell")
-    problems += _impacts_twice(columns["impact"])
+    named = columns["impact"]
+    first = dict(zip(reversed(named.texts), reversed(rows), strict=True))
+    again = np.flatnonzero(pd.Index(named.texts).duplicated() & ~named.empty)
+    problems += [named.problem(at, "impact-twice", first=first[named.texts[at]]) for at in again]
     for column in columns.values():
         # What a terminal would obey, or runs over several lines.
         problems += column.wrong(
@@ -263,12 +266,6 @@ def _conditions(cells: pd.DataFrame) -> list[str]:
             finer = finer if (names == "all").all() else names + ", " + finer
             names = finer if 2 * finer.nunique() <= len(cells) else names
     return names.tolist()
-
-
-def _impacts_twice(column: _CheckedColumn) -> list[Problem]:
-    first = dict(zip(reversed(column.texts), reversed(column.rows), strict=True))
-    again = np.flatnonzero(pd.Index(column.texts).duplicated() & ~column.empty)
-    return [column.problem(at, "impact-twice", first=first[column.texts[at]]) for at in again]
 
 
 def _reversed(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> list[Problem]:

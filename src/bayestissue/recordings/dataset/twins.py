@@ -87,14 +87,10 @@ def twins(traces: Traces) -> Iterator[tuple[int, int, bool]]:
             yield from _again([*thinned, *((which, values[which]) for which in coarse)], values)
 
 
-def _varies(value: np.ndarray) -> bool:
-    """Whether a recording is no constant, and its squares are numbers."""
-    return bool(np.ptp(value) > 0 and np.isfinite(np.square(value).sum()))
-
-
 def _again(rows: list[tuple[int, np.ndarray]], whole: list[np.ndarray]) -> Iterator[tuple[int, int, bool]]:
     """The twins among recordings, by their places and samples; their noise is that of the ``whole`` ones."""
-    rows = [(place, value) for place, value in rows if value.size > 2 * TWINS.window and _varies(value)]
+    rows = [(place, value) for place, value in rows if value.size > 2 * TWINS.window and np.ptp(value) > 0]
+    rows = [(place, value) for place, value in rows if np.isfinite(np.square(value).sum())]
     if len(rows) < 2:
         return
     places, values = zip(*rows, strict=True)

@@ -34,25 +34,22 @@ def cumulative(recordings: PaddedTraces, rule: Rule) -> Rows:
     row's end is meaningless. Of uneven times the trapezia are those of the times that there are, and a cubic
     spline through the samples takes the quintics' place; its error is of fourth order in the step.
     """
-    y, dt = recordings.value, recordings.dt[:, None]
-    if recordings.sample_number is not None:
-        return _of_uneven(recordings, rule)
+    y, dt, even = recordings.value, recordings.dt[:, None], recordings.sample_number is None
     if rule == "trapezoidal" or y.shape[1] < 6:
-        return trapezoids(y, dt)
+        return trapezoids(y, dt if even else np.diff(recordings.time_s, axis=1))
+    if not even:
+        return _of_splines(recordings)
     padded, width = _extended(recordings), y.shape[1] - 1
     quintic = sum(weight * padded[:, k : k + width] for k, weight in enumerate(_WEIGHTS))
     steps = np.where(recordings.n[:, None] >= 6, quintic, (y[:, 1:] + y[:, :-1]) / 2)
     return np.concatenate([np.zeros((len(y), 1)), np.cumsum(steps * dt, axis=1)], axis=1)
 
 
-def _of_uneven(recordings: PaddedTraces, rule: Rule) -> Rows:
-    y, time = recordings.value, recordings.sample_numbers * recordings.dt[:, None]
-    if rule == "trapezoidal" or y.shape[1] < 6:
-        return trapezoids(y, np.diff(time, axis=1))
+def _of_splines(recordings: PaddedTraces) -> Rows:
     # Imported here as in `derivatives`.
     from scipy.interpolate import CubicSpline
 
-    integral = np.zeros_like(y)
+    y, time, integral = recordings.value, recordings.time_s, np.zeros_like(recordings.value)
     for row, n in enumerate(recordings.n):
         if n > 1:
             integral[row, :n] = CubicSpline(time[row, :n], y[row, :n]).antiderivative()(time[row, :n])

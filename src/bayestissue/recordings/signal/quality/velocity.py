@@ -22,7 +22,7 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -62,6 +62,11 @@ class Implied(NamedTuple):
     def fraction(self) -> Column:
         """Of the stated velocity, by which the implied one is greater."""
         return np.array([_peak(row)[0] for row in self.log_likelihood])
+
+    def groups(self, codes: np.ndarray, fewest: int) -> Iterator[np.ndarray]:
+        """The usable impacts of each number, where there are so many or more."""
+        rows = (np.flatnonzero((codes == code) & self.usable) for code in np.unique(codes))
+        return (group for group in rows if len(group) >= fewest)
 
 
 @dataclass(frozen=True)
@@ -248,10 +253,7 @@ def _apart(implied: Implied, trial: np.ndarray) -> Mask:
     """
     apart, fraction = np.zeros(len(trial), bool), np.log1p(implied.fraction)
     beyond_chance = chi2.isf(VELOCITY.alarms / len(trial), 1)
-    for code in np.unique(trial):
-        rows = np.flatnonzero((trial == code) & implied.usable)
-        if len(rows) <= VELOCITY.others:
-            continue
+    for rows in implied.groups(trial, VELOCITY.others + 1):
         middle, spread = np.median(fraction[rows]), median_abs_deviation(fraction[rows], scale="normal")
         deviation = fraction[rows] - middle
         far = np.abs(deviation) > max(VELOCITY.spreads * spread, np.log1p(VELOCITY.apart))
@@ -265,10 +267,8 @@ def _apart(implied: Implied, trial: np.ndarray) -> Mask:
 def _of_another_law(implied: Implied, codes: np.ndarray) -> Mask:
     """The impacts that look like all others of their level, where no velocity leaves noise alone."""
     typical, fraction = np.zeros(len(codes), bool), np.log1p(implied.fraction)
-    for code in np.unique(codes):
-        rows = np.flatnonzero((codes == code) & implied.usable)
-        if len(rows) >= VELOCITY.fewest_impacts:
-            typical[rows] = np.abs(fraction[rows] - np.median(fraction[rows])) < np.log1p(VELOCITY.apart)
+    for rows in implied.groups(codes, VELOCITY.fewest_impacts):
+        typical[rows] = np.abs(fraction[rows] - np.median(fraction[rows])) < np.log1p(VELOCITY.apart)
     return typical & ~implied.explained
 
 
