@@ -122,7 +122,7 @@ def _of_element(element: str, count: int, rng: np.random.Generator, seed: int) -
             recording=Recording.model_validate(recording),
         )
     )
-    truth, ends = campaign.truth, np.cumsum(campaign.n_samples)[:-1]
+    truth = campaign.truth
     motions = [
         Impact(element, mass, velocity, contact, to_peak, until, d, _displacement(d, contact, velocity))
         for mass, velocity, contact, to_peak, until, d in zip(
@@ -131,7 +131,7 @@ def _of_element(element: str, count: int, rng: np.random.Generator, seed: int) -
             truth["contact_time_s"],
             truth["time_to_peak_s"],
             leaves(truth),
-            np.split(campaign.value, ends),
+            (trace.value for trace in campaign.traces),
             strict=True,
         )
         if 0.005 < to_peak < 0.06

@@ -28,9 +28,7 @@ def specification(tissue=None, recording=None, output=None, **design) -> Simulat
 
 
 def rows(campaign, row):
-    ends = np.cumsum(campaign.n_samples)
-    chosen = slice(ends[row] - campaign.n_samples[row], ends[row])
-    return campaign.time[chosen], campaign.value[chosen]
+    return campaign.traces[row].time_s, campaign.traces[row].value
 
 
 def test_a_perfect_recording_obeys_the_equation_of_motion():
@@ -55,7 +53,7 @@ def test_a_perfect_recording_obeys_the_equation_of_motion():
 def test_the_same_seed_gives_the_same_numbers_and_another_does_not():
     made = specification(recording={"noise_relative_to_peak": 0.01})
     once, again, other = simulate(made), simulate(made), simulate(made, seed=6)
-    np.testing.assert_array_equal(once.value, again.value)
+    np.testing.assert_array_equal(once.traces.value, again.traces.value)
     assert once.truth.equals(again.truth)
     assert not once.truth["contact_time_s"].equals(other.truth["contact_time_s"])
 
@@ -65,7 +63,7 @@ def test_noise_leaves_the_truth_as_it_is():
     quiet = simulate(specification(tissue))
     noisy = simulate(specification(tissue, {"noise_sd_m_s2": 2.0}))
     assert quiet.truth.equals(noisy.truth)
-    difference = noisy.value - quiet.value
+    difference = noisy.traces.value - quiet.traces.value
     # 60,000 values: the standard deviation is good to 0.3 %; four times that.
     assert difference.std() == pytest.approx(2, rel=0.012)
 
@@ -117,8 +115,8 @@ def test_recorded_mass_and_velocity_are_not_the_true_ones():
 def test_a_recorder_clips_and_rounds_to_its_steps():
     recording = {"range_m_s2": 50.0, "bits": 8, "noise_sd_m_s2": 1.0}
     campaign = simulate(specification(recording=recording))
-    assert np.abs(campaign.value).max() == 50
-    steps = campaign.value / (100 / 2**8)
+    assert np.abs(campaign.traces.value).max() == 50
+    steps = campaign.traces.value / (100 / 2**8)
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
 
 
@@ -127,7 +125,7 @@ def test_blocks_leave_no_seam(monkeypatch):
     whole = simulate(made)
     monkeypatch.setattr("bayestissue.studies.simulation.campaign._BLOCK", 5000)
     # Compiled for another shape, a block may round otherwise in the last digit.
-    np.testing.assert_allclose(simulate(made).value, whole.value, atol=1e-11)
+    np.testing.assert_allclose(simulate(made).traces.value, whole.traces.value, atol=1e-11)
 
 
 @pytest.mark.parametrize("output", [{"traces": "csv"}, {"traces": "parquet", "float32": True}])
@@ -236,8 +234,9 @@ def test_a_recorders_low_pass_takes_the_true_motion_and_leaves_noise_white(recor
     quiet = Simulation.model_validate(content | {"recording": {}})
     made, bare, without = simulate(filtered), simulate(quiet), simulate(plain)
     assert made.truth.equals(without.truth)
-    np.testing.assert_array_equal(made.n_samples, without.n_samples)
-    assert np.std(made.value - bare.value) == pytest.approx(0.5, rel=4 / np.sqrt(2 * made.value.size))
+    np.testing.assert_array_equal(made.traces.start, without.traces.start)
+    noise = made.traces.value - bare.traces.value
+    assert np.std(noise) == pytest.approx(0.5, rel=4 / np.sqrt(2 * noise.size))
     write_campaign(tmp_path, made, filtered)
     data = read_dataset(tmp_path)
     assert data.recorder == filtered.recorder == made.settings.recorder
@@ -268,7 +267,7 @@ FORCE = {"noise_sd_N": 0.02, "offset_sd_N": 0.5, "relative_gain_sd": 0.02, "tip_
 def test_a_force_beside_the_deceleration_changes_nothing_else_of_a_campaign():
     plain = simulate(specification(subjects=2, recording={"noise_sd_m_s2": 0.5}))
     both = simulate(specification(subjects=2, recording={"noise_sd_m_s2": 0.5, "force": FORCE}))
-    np.testing.assert_array_equal(plain.value, both.value)
+    np.testing.assert_array_equal(plain.traces.value, both.traces.value)
     assert both.truth[list(plain.truth)].equals(plain.truth)
 
 
@@ -280,8 +279,7 @@ def test_a_recorded_force_is_that_on_the_mass_behind_the_tip():
     assert campaign.truth["force_gain"].nunique() == 1
     assert campaign.truth["force_offset_N"].nunique() == len(campaign.truth)
     for row, truth in campaign.truth.iterrows():
-        ends = np.cumsum(campaign.n_samples)
-        force = campaign.force[ends[row] - campaign.n_samples[row] : ends[row]]
+        force = campaign.further[0][row].value
         expected = truth.force_gain * (truth.mass_kg - 0.05) * rows(campaign, row)[1] + truth.force_offset_N
         # 0.02 N of noise: five standard deviations.
         assert np.abs(force - expected).max() < 0.1
@@ -301,28 +299,27 @@ def test_a_force_goes_through_its_own_low_pass(recorder):
     expected, alone = (simulate(behind(filtered)) for filtered in (recorder, other))
     made = behind(other, force={"recorder": recorder})
     campaign = simulate(made)
-    np.testing.assert_allclose(campaign.value, alone.value, atol=1e-9 * alone.value.max())
-    mass = np.repeat(campaign.truth["mass_kg"].to_numpy(), campaign.n_samples)
+    np.testing.assert_allclose(
+        campaign.traces.value, alone.traces.value, atol=1e-9 * alone.traces.value.max()
+    )
+    mass, force = campaign.truth["mass_kg"].to_numpy()[campaign.traces.owner], campaign.further[0].value
     # Behind an analog filter the grid is finer than alone: a bilinear transform's error goes with its step.
-    assert campaign.force == pytest.approx(mass * expected.value, abs=2e-3 * campaign.force.max())
+    assert force == pytest.approx(mass * expected.traces.value, abs=2e-3 * force.max())
     (channel,) = campaign.dataset("made").channels
     assert channel.recorder == made.recording.force.recorder
 
 
 def test_a_force_is_clipped_at_its_limit_and_read_so(tmp_path):
     free = simulate(specification(subjects=2, recording={"force": FORCE}))
-    limit = float(
-        np.round(
-            0.8 * np.median(np.maximum.reduceat(free.force, np.cumsum(free.n_samples) - free.n_samples)), 1
-        )
-    )
+    limit = float(np.round(0.8 * np.median([trace.value.max() for trace in free.further[0]]), 1))
     made = specification(subjects=2, recording={"force": FORCE | {"limit_N": limit}})
     campaign = simulate(made)
-    np.testing.assert_array_equal(campaign.force, np.clip(free.force, -limit, limit))
+    force = campaign.further[0].value
+    np.testing.assert_array_equal(force, np.clip(free.further[0].value, -limit, limit))
     write_campaign(tmp_path / "made", campaign, made)
     for dataset in (campaign.dataset("made"), read_dataset(tmp_path / "made")):
         marked = [np.zeros(len(t.value)) if t.clipped is None else t.clipped for t in dataset.further[0]]
-        np.testing.assert_array_equal(np.concatenate(marked), campaign.force >= limit)
+        np.testing.assert_array_equal(np.concatenate(marked), force >= limit)
 
 
 @pytest.mark.parametrize("gravity", [pytest.param(0.0, marks=pytest.mark.slow), 9.80665])
@@ -330,9 +327,8 @@ def test_a_force_below_the_tissue_moves_the_tissue_too(gravity):
     plate, tissue = {"place": "base"}, {"element": "moving_mass", "parameters": {"moving_mass_kg": 0.2}}
     made = specification(subjects=1, recording={"force": plate}, tissue=tissue)
     campaign = simulate(made.model_copy(update={"gravity": gravity}))
-    ends = np.cumsum(campaign.n_samples)
     for row, truth in campaign.truth.iterrows():
-        force = campaign.force[ends[row] - campaign.n_samples[row] : ends[row]]
+        force = campaign.further[0][row].value
         d = rows(campaign, row)[1]
         expected = np.where(d > 0, (truth.mass_kg + 0.2) * d - 0.2 * gravity, 0.0)
         np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9)

@@ -36,7 +36,7 @@ def test_a_larger_ball_meets_more_of_a_half_space() -> None:
 def test_momentum_is_that_of_the_force() -> None:
     """The recorded deceleration sums to the velocity that the impactor loses."""
     made = simulate(campaign(element="wall", parameters={"thickness_m": 0.03}))
-    value = np.split(made.value, np.cumsum(made.n_samples)[:-1])
+    value = [trace.value for trace in made.traces]
     lost = np.array([each.sum() for each in value]) / 10_000
     leaving = made.truth["velocity_m_s"] * (1 + np.sqrt(1 - made.truth["energy_lost"]))
     # The jump at contact, of 180 m/s^2, falls between samples: up to half of it over 0.1 ms.
@@ -50,9 +50,7 @@ def test_the_truth_has_the_outcomes_that_the_recording_shows(headform: bool) -> 
     content |= {"gravity": "drop", "headform": headform}
     content["recording"] |= {"sampling_rate_hz": 100_000.0, "after_contact_s": 0.0}
     made = simulate(Simulation.model_validate(content))
-    for row, d in zip(
-        made.truth.to_dict("records"), np.split(made.value, np.cumsum(made.n_samples)[:-1]), strict=True
-    ):
+    for row, d in zip(made.truth.to_dict("records"), [trace.value for trace in made.traces], strict=True):
         step, mass, G = 1e-5, row["mass_kg"], 9.80665
         d = d[d > 0]
         # Contact falls between samples: of the sums one sample of the greatest value is in doubt.
@@ -94,6 +92,6 @@ def test_a_mass_that_creeps_for_ever_is_recorded_until_its_speed_is_gone() -> No
     """Spring and damper in series, C below (K M)^1/2 / 2: the speed only fades."""
     made = simulate(campaign(element="maxwell", C_N_s_per_m=10.0))
     assert np.isinf(made.truth["time_to_peak_s"]).all()
-    value = np.split(made.value, np.cumsum(made.n_samples)[:-1])
+    value = [trace.value for trace in made.traces]
     # The jump of the jerk at contact falls between samples.
     np.testing.assert_allclose([each.sum() / 10_000 for each in value], 1.5, rtol=1e-3)

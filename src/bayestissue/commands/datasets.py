@@ -146,8 +146,8 @@ def simulate(
 
     def write(folder: Path) -> None:
         simulation.write_campaign(folder, campaign, stated)
-        text = "\n".join([f"seed = {stated.seed}", *kept])
-        (folder / "truth.toml").write_text(f"{text}\n", encoding="utf-8")
+        text = "\n".join([f"seed = {stated.seed}", *kept, ""])
+        (folder / "truth.toml").write_text(text, encoding="utf-8")
 
-    impacts, samples = counted(len(campaign.impacts), "impact"), len(campaign.value)
+    impacts, samples = counted(len(campaign.impacts), "impact"), campaign.traces.value.size
     return Made(further=write, said=f"wrote {{folder}}: {impacts}, {samples} samples, seed {stated.seed}")

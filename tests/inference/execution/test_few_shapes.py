@@ -27,7 +27,7 @@ from bayestissue.model.hierarchy.gaussian import arrangement
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.recordings.dataset import Dataset, Trace
+from bayestissue.recordings.dataset import Dataset
 from bayestissue.studies.simulation import simulate
 from bayestissue.studies.simulation.simulation_file import Simulation
 from dataset_bench import settings_of
@@ -52,14 +52,9 @@ def campaign(
         "recording": recording,
     }
     made = simulate(Simulation.model_validate(content))
-    ends = np.cumsum(made.n_samples)
     chain = {"relative_mass_sd": mass_sd, "velocity_sd_m_s": 0.005}
     settings = settings_of(quantity="deceleration", contact="between", uncertainty=chain)
-    traces = [
-        Trace(made.time[end - n : end], made.value[end - n : end].astype(float))
-        for n, end in zip(made.n_samples, ends, strict=True)
-    ]
-    return Dataset(settings, made.impacts, traces, folder=tmp_path)
+    return Dataset(settings, made.impacts, made.traces, folder=tmp_path)
 
 
 @pytest.fixture(scope="module")

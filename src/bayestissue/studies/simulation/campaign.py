@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jax import Array
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from bayestissue.base.padding import bucket
 from bayestissue.base.results.tables import write_table
@@ -52,37 +52,21 @@ class Campaign:
         impacts: the table that a lab would have: ``impact``, ``subject``, ``trial``, ``mass_kg``,
             ``velocity_m_s``, ``energy_J``, ``sampling_rate_hz``, and the design's further factors.
         truth: one row per impact, with what the lab would like to know.
-        n_samples: [impact], samples of each recording.
-        time: [sample], s, all recordings one after another; each recorder's clock starts at 0.
-        value: [sample], recorded deceleration, m/s²; along gravity it is force over mass.
-        force: [sample], recorded beside it, N; None where none was.
+        traces: recorded decelerations, m/s²; along gravity they are force over mass. Each recorder's clock
+            starts at 0.
+        further: the force recorded beside them, N, at the same samples; none where none was.
     """
 
     settings: Settings
     impacts: pd.DataFrame
     truth: pd.DataFrame
-    n_samples: Int[np.ndarray, " impact"]
-    time: Float[np.ndarray, " sample"]
-    value: Float[np.ndarray, " sample"]
-    force: Float[np.ndarray, " sample"] | None = None
-
-    def traces(self) -> pd.DataFrame:
-        """The long trace table: ``impact``, ``time_s``, ``value`` and, where it was recorded, ``force_N``."""
-        table = long_table(pd.Index(self.impacts["impact"]), self._recorded(self.value))
-        return table if self.force is None else table.assign(**{FORCE_COLUMN: self.force})
-
-    def _recorded(self, value: Float[np.ndarray, " sample"], **further: Any) -> Traces:
-        return Traces(self.time, value, np.cumsum([0, *self.n_samples]), **further)
+    traces: Traces
+    further: tuple[Traces, ...] = ()
 
     def dataset(self, name: str) -> Dataset:
         """The campaign as a dataset, as if it had been written and read, without a folder or a hash."""
         settings = self.settings.in_si().model_copy(update={"name": name})
-        data = Dataset(settings, self.impacts, self._recorded(self.value))
-        if self.force is None:
-            return data
-        limit = self.settings.channel[0].limit or np.inf
-        clipped = np.where(np.abs(self.force) >= limit, np.sign(self.force), 0).astype(np.int8)
-        return replace(data, further=(self._recorded(self.force, clipped=clipped),))
+        return Dataset(settings, self.impacts, self.traces, self.further)
 
 
 def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
@@ -108,6 +92,10 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
     stated = simulation.phantom.K_N_per_m + simulation.phantom.sd_N_per_m * random.standard_normal()
     known = dict(zip(REFERENCE, (stated, simulation.phantom.sd_N_per_m), strict=True))
     names = "phantom-" + spring.impacts["impact"]
+    parts = people.traces, spring.traces
+    time, value, n = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("time_s", "value", "n_samples")
+    )
     return replace(
         people,
         impacts=pd.concat(
@@ -115,9 +103,7 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
             ignore_index=True,
         ),
         truth=pd.concat([people.truth, spring.truth.assign(impact=names)], ignore_index=True),
-        n_samples=np.concatenate([people.n_samples, spring.n_samples]),
-        time=np.concatenate([people.time, spring.time]),
-        value=np.concatenate([people.value, spring.value]),
+        traces=Traces(time, value, np.cumsum([0, *n])),
     )
 
 
@@ -159,7 +145,11 @@ def _simulated(simulation: Simulation, seed: int | tuple[int, ...]) -> Campaign:
     if simulation.output.decimals is not None:
         value = np.round(value, simulation.output.decimals)
     value = value.astype(np.float32) if simulation.output.float32 else value
-    return Campaign(_settings(simulation), impacts, truth, n, np.round(sample / rate, 9), value, *forces)
+    time, start = np.round(sample / rate, 9), np.cumsum([0, *n])
+    limit = np.inf if force is None or force.limit_N is None else force.limit_N
+    clipped = [(np.sign(one) * (np.abs(one) >= limit)).astype(np.int8) for one in forces]
+    further = (Traces(time, one, start, clipped=at) for one, at in zip(forces, clipped, strict=True))
+    return Campaign(_settings(simulation), impacts, truth, Traces(time, value, start), tuple(further))
 
 
 def _settings(simulation: Simulation) -> Settings:
@@ -548,11 +538,14 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
     ``truth.csv`` has one row per impact. The parameters that all impacts share stand in the specification,
     which the caller copies beside it.
     """
+    table = long_table(pd.Index(campaign.impacts["impact"]), campaign.traces)
+    for beside in campaign.further:
+        table[FORCE_COLUMN] = beside.value
     write_dataset(
         folder,
         settings=campaign.settings.stated(),
         impacts=campaign.impacts,
-        traces=campaign.traces(),
+        traces=table,
         trace_file=f"traces.{simulation.output.traces}",  # type: ignore[arg-type]
     )
     write_table(campaign.truth, folder / "truth.csv")
