@@ -19,6 +19,18 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 _SECONDS = 120
 # Whether all figures of a page are drawn.
 DRAWN = "[...document.querySelectorAll('.chart')].every(chart => chart.querySelector('svg.marks, canvas'))"
+# The figures of the first screen that are shown, and how far a word of them, or of the screen, is cut.
+SHOWN = "[...document.querySelectorAll('.first .drawing')].filter(place => place.clientWidth)"
+BOTTOMS = f"{SHOWN}.map(place => place.querySelector('.marks').getBoundingClientRect().bottom)"
+WORDS = "header *, .first :is(h2, p, label, legend, figcaption, summary)"
+CUT = """[...document.querySelectorAll('.first svg.marks')].filter(svg => svg.clientWidth).flatMap(svg => {
+  const whole = svg.getBoundingClientRect();
+  return [...svg.querySelectorAll('text')].map(text => text.getBoundingClientRect()).flatMap(box =>
+    [whole.left - box.left, box.right - whole.right, whole.top - box.top, box.bottom - whole.bottom]);
+}).concat([...document.querySelectorAll('WORDS')].filter(one => one.clientWidth).flatMap(one =>
+  [one.getBoundingClientRect().right - innerWidth, one.scrollWidth - one.clientWidth - 1]))"""
+CUT = CUT.replace("WORDS", WORDS)
+_PRESSED = {"button", "link", "radio", "DisclosureTriangle", "combobox", "textbox", "checkbox"}
 _CODES = {"Tab": 9, "Enter": 13, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
 
 
@@ -121,6 +133,26 @@ class Browser:
             assert self.js("document.documentElement.scrollWidth") <= width
             assert self.errors == []
             assert not [url for url in self.requests if url.startswith("http")]
+
+    def see_first(self, page: Path, figures: int) -> None:
+        """Open a page at three widths: its first screen has so many figures, none to be scrolled to.
+
+        No word is cut, nothing fails, and all that can be pressed has a name for who can't see it.
+        """
+        for width in (400, 768, 1280):
+            self.open(page, width, height=800)
+            self.until(f"{SHOWN}.every(place => place.querySelector('svg.marks, canvas'))")
+            bottoms = self.js(BOTTOMS)
+            assert len(bottoms) == figures
+            assert max(bottoms, default=0) <= 800, width
+            assert self.js("document.documentElement.scrollWidth") <= width
+            assert max(self.js(CUT)) < 1, width
+            assert self.errors == []
+            assert not [url for url in self.requests if url.startswith("http")]
+        nodes = self.call("Accessibility.getFullAXTree")["nodes"]
+        pressed = [one for one in nodes if one.get("role", {}).get("value") in _PRESSED]
+        assert pressed
+        assert [one for one in pressed if not one.get("name", {}).get("value")] == []
 
     def type(self, text: str) -> None:
         """Type into what has the focus."""

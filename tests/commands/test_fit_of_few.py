@@ -122,11 +122,11 @@ def test_of_one_impact_its_own_k_is_the_answer_and_near_the_truth(one_impact: tu
         assert f"mass_exponent_{q}" not in posterior
         assert "this person" in posterior[f"{q}_new"].attrs["long_name"]
     text = first_screen(run)
-    shown = re.search(r"K = ([\d ]+?) N/m", text)
+    shown = re.search(r"stiffness K ([\d ]+?) N/m", text)
     assert shown is not None
     assert abs(float(shown[1].replace(" ", "")) / float(np.median(posterior["K"])) - 1) < 0.01
     assert "New person" not in text
-    assert "This impact, 90 % interval in grey" in text
+    assert "This impact, 90 % intervals" in text
 
 
 @pytest.mark.long

@@ -64,7 +64,7 @@ def test_the_first_screen_has_two_pictures_of_k_and_of_c_each_with_its_sentence(
     for question in ("What are K and C?", "Is the dependence on mass real?"):
         assert question in first
     of_whom, of_mass = sentences(html, "K")
-    who = r"A typical person has K = \d{4} N/m \(90 %: \d{4} to \d{4}\); a new person \d+ to \d+ \(shaded\)\."
+    who = r"A new person’s K is \d+ to \d+ N/m nine times in ten \(shaded\)\."
     assert re.fullmatch(who, of_whom)
     assert re.match(r"K is almost certainly independent of the mass: exponent −?0\.0\d+ \(−", of_mass)
     assert [len(sentences(html, q)) for q in "KC"] == [2, 2]
@@ -243,7 +243,7 @@ def test_a_warning_of_the_model_form_has_a_colour_of_its_own(tmp_path):
     path.write_text(json.dumps(about), encoding="utf-8")
     page = page_of(folder)
     # In a short sentence; what else is to be said is folded under it.
-    assert '<div class="verdict warned" role="status"><p>Diagnostics passed.</p>' in page
+    assert '<div class="verdict warned" role="status"><details><summary>Diagnostics passed. <' in page
     assert '<p class="verdict-words">The zero is off.</p>' in page
 
 
@@ -253,7 +253,7 @@ def test_a_clipped_recording_is_named_on_the_first_screen_of_a_sound_fit(tmp_pat
     about = json.loads(path.read_text(encoding="utf-8"))
     about["verdict"] |= {"passed": True, "warned": False, "remarks": "1 is clipped: a1."}
     path.write_text(json.dumps(about), encoding="utf-8")
-    assert "The computation worked. 1 is clipped: a1." in plain(first_screen(page_of(folder)))
+    assert "no check speaks against the model. 1 is clipped: a1." in plain(first_screen(page_of(folder)))
 
 
 def with_diagnostics(folder, **entries):

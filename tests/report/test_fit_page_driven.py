@@ -175,26 +175,6 @@ def test_nothing_is_wider_than_a_narrow_screen_and_every_figure_is_drawn(tab, pa
 
 
 PICTURES = "[...document.querySelectorAll('.pictures figure svg.marks')]"
-# How far each picture that is shown, and each word in it, reaches beyond its place.
-BEYOND = """[...document.querySelectorAll('.pictures .drawing')].filter(p => p.clientWidth).flatMap(p => {
-  const svg = p.querySelector('svg.marks'), whole = svg.getBoundingClientRect();
-  return [...svg.querySelectorAll('text')].map(text => text.getBoundingClientRect()).flatMap(box =>
-    [whole.left - box.left, box.right - whole.right, whole.top - box.top, box.bottom - whole.bottom]);
-})"""
-
-
-@needs_browser
-def test_the_first_screen_has_its_pictures_without_scrolling_and_no_word_is_cut(tab, page) -> None:
-    for width, height in ((1280, 800), (768, 1000), (400, 800)):
-        tab.open(page, width=width, height=height)
-        tab.until(f"{CHARTS}.slice(0, 4){EACH_IS_DRAWN}")
-        bottoms = tab.js(f"{PICTURES}.map(one => one.getBoundingClientRect().bottom)")
-        ends = [bottom for bottom in bottoms if bottom]
-        # On a narrow screen the second picture follows the first.
-        assert len(ends) == 2
-        assert (ends[0] if width == 400 else max(ends)) <= height
-        assert tab.js("document.documentElement.scrollWidth") <= width
-        assert max(tab.js(BEYOND)) < 1, (width, height)
 
 
 @needs_browser
@@ -208,7 +188,7 @@ def test_a_key_turns_the_first_screen_from_k_to_c(tab, page) -> None:
     assert tab.js(f"{shown}.map(one => one.querySelector('figcaption').textContent)")[0].startswith(
         "C, left over"
     )
-    assert max(tab.js(BEYOND)) < 1
+    assert max(tab.js(browser.CUT)) < 1
 
 
 @needs_browser

@@ -16,7 +16,7 @@ from bayestissue.reports.pages.answers_page import question_lines
 from bayestissue.reports.pages.fit import answers, estimates, figures, population, words
 from bayestissue.reports.pages.fit.page import page_of
 from bayestissue.reports.pages.fit.run import FitRun
-from bayestissue.reports.pages.posterior import levels, mass_curve, spread
+from bayestissue.reports.pages.posterior import exponent, levels, mass_curve, spread
 from bayestissue.reports.paper.text import text_of
 from make_fit_run import MASS, changed, make_fit_run, read_fit_run
 
@@ -40,7 +40,7 @@ def test_the_first_screen_leads_with_the_secant_stiffness(run: FitRun) -> None:
     html = page_of(run)
     first = plain(html[html.index('class="first"') : html.index("<nav")])
     together = spread(run.draws("K_secant_of_impacts"))
-    assert f"These impacts together have K_secant = {together.value} N/m (90 %: {together.range})." in first
+    assert "K_secant of each, beside these impacts together (dashed)." in first
     # K is of these impacts, and C of a typical person.
     assert f"secant stiffness K_secant of these impacts {together.value} N/m {together.range}" in first
     assert f"damping C {levels(run)[1].typical.value} N s/m" in first
@@ -48,6 +48,7 @@ def test_the_first_screen_leads_with_the_secant_stiffness(run: FitRun) -> None:
     assert "It is force over depth at the greatest depth" in first
     assert "K = " not in first
     assert "K at 12 mm is almost certainly independent of the mass: exponent" in first
+    assert f", at own depths (drawn) {exponent(run, 'K_secant').words}; " in first
     # Half of it in these made-up draws, and nowhere on the first screen.
     assert spread(run.draws("K_new")).value not in first
     assert levels(run)[1].quantity == "C"
@@ -90,7 +91,7 @@ def test_the_curve_over_the_mass_is_that_of_the_recorded_impacts(run: FitRun) ->
     slope /= np.log(curve["mass_kg"].iloc[-1] / curve["mass_kg"].iloc[0])
     assert slope == pytest.approx(np.median(run.draws("mass_exponent_K_secant")), abs=0.01)
     conditions = figures.mass(run, "K")
-    assert "geometric mean of its impacts" in json.dumps(conditions.specification())
+    assert "mean of impacts" in json.dumps(conditions.specification())
     assert len(MASS) == len(run.labels("trial"))
 
 

@@ -47,7 +47,7 @@ LINES: dict[str, Specification] = {
     "line of the thesis": {"color": RECORDED, "strokeDash": [8, 3, 2, 3]},
 }
 
-EXPONENTS = {"exponent 0": "no dependence on the mass", "exponent 1": "in proportion to the mass"}
+EXPONENTS = {"exponent 0": "no dependence", "exponent 1": "in proportion"}
 
 
 def axis_title(quantity: str, names: Mapping[str, str] = NAMES) -> str:
@@ -187,7 +187,8 @@ def over_mass(
         if line in curve:
             drawn: Specification = {"x": X, "y": y(line), "strokeDash": None}
             if line in EXPONENTS:
-                legend = {"orient": "bottom", "symbolStrokeColor": INK}
+                # Long enough to show how it is dashed.
+                legend = {"symbolStrokeColor": INK, "symbolSize": 500}
                 drawn["strokeDash"] = {
                     "datum": EXPONENTS[line],
                     "title": None,

@@ -27,6 +27,8 @@ _CONFIG: dict[str, Any] = {
     "font": _FONT,
     "background": "white",
     "view": {"stroke": None},
+    # A label stands at its tick, at the ends too.
+    "axisQuantitative": {"labelFlush": False},
     "axis": {
         **{"labelFontSize": 12, "titleFontSize": 12.5, "titleFontWeight": "normal", "labelLimit": 0},
         **{"labelColor": INK, "titleColor": INK, "domainColor": MUTED, "tickColor": MUTED},
@@ -34,7 +36,8 @@ _CONFIG: dict[str, Any] = {
     },
     "legend": {
         **{"orient": "top", "title": None, "labelFontSize": 12, "labelLimit": 0, "labelColor": INK},
-        **{"columns": 3, "symbolOpacity": 1},
+        **{"columns": 3, "symbolOpacity": 1, "rowPadding": 1},
+        "layout": {"top": {"direction": "vertical", "anchor": "start", "margin": 1}},
     },
     "range": {"category": list(PALETTE)},
     "point": {"filled": True, "size": 40, "opacity": 0.8},

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.base.outline import counted
 from bayestissue.base.results.tables import read_tables
 from bayestissue.inference.results.meanings import UNITS
 from bayestissue.reports.pages.posterior import QUANTITIES, spread
@@ -181,8 +182,13 @@ def _shortened(text: str) -> str:
 
 def severities(run: PublishedRun) -> str:
     """How many findings of which severity, in words."""
-    counts = [(name, int((run.audit["severity"] == name).sum())) for name in SEVERITIES]
-    return listed([f"{count} {name}" for name, count in counts if count]) or "none"
+    counts = run.audit["severity"].value_counts()
+    known = [
+        counted(counts[name], name if name == "note" else f"{name} finding")
+        for name in SEVERITIES
+        if name in counts
+    ]
+    return listed(known) or "none"
 
 
 def findings(run: PublishedRun) -> list[dict[str, Any]]:

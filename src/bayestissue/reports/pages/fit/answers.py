@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from bayestissue.inference.results.meanings import UNITS
+from bayestissue.inference.results.meanings import TOGETHER, UNITS
 from bayestissue.reports.pages.fit.estimates import (
     apparent_exponent,
     dds_ratio,
@@ -110,10 +110,10 @@ def compared(run: FitRun, quantity: str) -> list[tuple[str, str]]:
 
 
 def who_sentence(run: FitRun, quantity: str) -> str:
-    """What differs, or else K (or C) of a typical person and of a new one; of one impact its own K."""
+    """What differs, or else K (or C) of new people; of one impact how well its own is known."""
     level, words = level_of(run, quantity), person_words(run)
     if len(run.impacts) == 1:
-        return worded("fit", "who_alone", level, only_impact(run, quantity))
+        return worded("fit", "who_alone", run.symbols[quantity], impact_sureness(run, quantity))
     shaded = bool(compared(run, quantity))
     for contrast in first_contrasts(run):
         if level.quantity in contrast["rows"]:
@@ -131,7 +131,9 @@ def scatter_sentence(run: FitRun, quantity: str) -> str:
 def mass_sentence(run: FitRun, quantity: str) -> str:
     """Whether K (or C) depends on the mass, and what the thesis's method finds in the same recordings."""
     which = answering(run)[quantity]
-    exponents = (exponent(run, which), apparent_exponent(run, quantity))
+    # Beside a discrepancy the picture has K at each impact's own greatest depth.
+    drawn = exponent(run, OWN_DEPTH) if which == COMMON_DEPTH and run.has(TOGETHER) else None
+    exponents = (exponent(run, which), drawn, apparent_exponent(run, quantity))
     probabilities = [hypothesis_probability(run, which, name) for name in (FIXED, CONSTANT)]
     what = f"K at {depth_words(run)}" if which == COMMON_DEPTH else run.symbols[quantity]
     made = made_by_method(run, quantity)

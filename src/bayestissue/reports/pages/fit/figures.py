@@ -214,7 +214,7 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
         median = np.exp(logs.reindex(run.labels("trial")).to_numpy())
         conditions = pd.DataFrame({"label": run.labels("trial"), "median": median})
         conditions[["eti90_low", "eti90_high"]] = np.nan
-        whose = "geometric mean of its impacts"
+        whose = "mean of impacts"
     conditions = conditions.assign(mass_kg=np.asarray(at))
     dds = run.point_estimates[["impact", "mass_kg", COLUMNS[quantity]]].rename(
         columns={COLUMNS[quantity]: "value"}

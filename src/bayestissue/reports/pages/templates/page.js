@@ -78,8 +78,11 @@ const bayestissue = (() => {
     let holder = place;
     while (!holder.clientWidth && holder !== document.body) holder = holder.parentElement;
     const room = Math.max(holder === place ? holder.clientWidth : Math.min(holder.clientWidth, 520), 240);
-    // Names below each other where beside each other they would be cut.
-    if (room < 420) spec.config.legend.columns = 1;
+    // On a narrow screen fewer names stand beside each other, and both pictures of the first screen are in sight.
+    if (room < 420) {
+      spec.config.legend.columns = 2;
+      if (figure.closest(".pictures")) spec.height = Math.min(spec.height, 135);
+    }
     if (spec.facet) { spec.columns = Math.min(spec.columns, Math.max(Math.floor(room / 220), 1)); spec.spec.width = (room - 60) / spec.columns - (spec.resolve.scale.y ? 65 : 25); }
     else if (spec.vconcat) spec.vconcat.forEach(part => { part.width = Math.min(room, 900) - 92; });
     else { spec.width = Math.min(room, 1.5 * (spec.width || 460)); spec.autosize = { type: "fit-x", contains: "padding" }; }
@@ -89,6 +92,7 @@ const bayestissue = (() => {
       actions: { export: true, source: false, compiled: false, editor: false },
       ...(spec.usermeta || {}).embedOptions,
     });
+    place.querySelector("summary")?.setAttribute("aria-label", "Save this figure");
     const longest = Object.values(spec.datasets).sort((a, b) => b.length - a.length)[0] || [];
     const rows = () => spec.vconcat ? view.data("trace").map(row => ({ ...row })) : longest;
     const part = figure.querySelector(".numbers"), button = document.createElement("button");
