@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayestissue.reports.pages import posterior
+from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.run_folder import read_about
 from bayestissue.reports.pages.wording import Spread
 from bayestissue.thesis.pages import published_page as page
@@ -35,7 +36,7 @@ def run(published_run_folder):
     ],
 )
 def test_an_interval_is_said_to_hold_what_it_holds(low, high, said):
-    assert said in posterior.exponent_words("K", Spread((low + high) / 2, low, high))
+    assert said in worded("fit", "exponent", True, Spread((low + high) / 2, low, high))
 
 
 def test_the_spread_is_that_of_the_draws():

@@ -36,8 +36,8 @@ _CONFIG: dict[str, Any] = {
     },
     "legend": {
         **{"orient": "top", "title": None, "labelFontSize": 12, "labelLimit": 0, "labelColor": INK},
-        **{"columns": 3, "symbolOpacity": 1, "rowPadding": 1},
-        "layout": {"top": {"direction": "vertical", "anchor": "start", "margin": 1}},
+        **{"columns": 3, "symbolOpacity": 1},
+        "layout": {"top": {"direction": "vertical", "anchor": "start"}},
     },
     "range": {"category": list(PALETTE)},
     "point": {"filled": True, "size": 40, "opacity": 0.8},

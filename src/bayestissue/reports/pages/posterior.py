@@ -72,11 +72,6 @@ def hypothesis_probability(run: PosteriorRun, quantity: str, hypothesis: str) ->
     return float(chosen.iloc[0]) if len(chosen) else float("nan")
 
 
-def exponent_words(quantity: str, beta: Spread) -> str:
-    """Where the interval of a mass exponent lies among 0 (fixed) and 1 (constant natural frequency)."""
-    return worded("fit", "exponent", quantity.startswith("K"), beta)
-
-
 def mass_curve(run: PosteriorRun, quantity: str, masses: np.ndarray, reference: float) -> pd.DataFrame:
     """K (or C) of a typical person over the range of ``masses`` [kg], as `over_mass` draws it.
 
@@ -156,7 +151,7 @@ def exponent_rows(run: PosteriorRun, answering: Mapping[str, str] | None = None)
         if beta is None:
             continue
         row = {"quantity": quantity, "value": beta.value, "range": beta.range}
-        row["words"] = exponent_words(quantity, beta)
+        row["words"] = worded("fit", "exponent", quantity == "K", beta)
         for name, hypothesis in (("fixed", FIXED), ("constant", CONSTANT)):
             p = hypothesis_probability(run, which, hypothesis)
             row |= {name: probability(p), f"{name}_words": likelihood_words(p)}

@@ -183,12 +183,7 @@ def _shortened(text: str) -> str:
 def severities(run: PublishedRun) -> str:
     """How many findings of which severity, in words."""
     counts = run.audit["severity"].value_counts()
-    known = [
-        counted(counts[name], name if name == "note" else f"{name} finding")
-        for name in SEVERITIES
-        if name in counts
-    ]
-    return listed(known) or "none"
+    return listed([counted(counts[name], f"{name} finding") for name in SEVERITIES if name in counts])
 
 
 def findings(run: PublishedRun) -> list[dict[str, Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from bayestissue.inference.results.meanings import TOGETHER, UNITS
+from bayestissue.inference.results.meanings import UNITS
 from bayestissue.reports.pages.fit.estimates import (
     apparent_exponent,
     dds_ratio,
@@ -132,7 +132,7 @@ def mass_sentence(run: FitRun, quantity: str) -> str:
     """Whether K (or C) depends on the mass, and what the thesis's method finds in the same recordings."""
     which = answering(run)[quantity]
     # Beside a discrepancy the picture has K at each impact's own greatest depth.
-    drawn = exponent(run, OWN_DEPTH) if which == COMMON_DEPTH and run.has(TOGETHER) else None
+    drawn = exponent(run, OWN_DEPTH) if run.element_alone and which == COMMON_DEPTH else None
     exponents = (exponent(run, which), drawn, apparent_exponent(run, quantity))
     probabilities = [hypothesis_probability(run, which, name) for name in (FIXED, CONSTANT)]
     what = f"K at {depth_words(run)}" if which == COMMON_DEPTH else run.symbols[quantity]

@@ -181,12 +181,8 @@ def repeatability(run: FitRun, quantity: str = "K") -> Figure:
     )
 
 
-def method_figures(run: FitRun) -> list[Figure]:
-    """K and C of each impact by the thesis's method and this fit, as Bland and Altman plot them."""
-    return [_methods(run, q) for q in QUANTITIES]
-
-
-def _methods(run: FitRun, quantity: str) -> Figure:
+def methods(run: FitRun, quantity: str) -> Figure:
+    """K (or C) of each impact by the thesis's method and this fit, as Bland and Altman plot them."""
     table = method_values(run, quantity)
     table = table[(table > 0).all(axis=1)]
     rows = pd.DataFrame(
