@@ -21,7 +21,6 @@ from bayestissue.model.hierarchy.specification import Formulas, ModelSpecificati
 from bayestissue.model.hierarchy.trace_models import hyperparameters_at
 from bayestissue.recordings.dataset.published import read_published
 from bayestissue.thesis.reanalysis.observations import (
-    AveragesOfLognormals,
     published_design,
     published_observations,
 )
@@ -32,9 +31,9 @@ from bayestissue.thesis.reanalysis.table_model import (
     estimates_data,
     integrated,
     leave_one_out,
-    plain_model,
     without,
 )
+from published_model import AveragesOfLognormals, plain_model
 
 pytestmark = pytest.mark.slow
 

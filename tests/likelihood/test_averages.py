@@ -7,12 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from bayestissue.thesis.reanalysis.observations import (
-    AveragesOfLognormals,
-    average_and_sd,
-    average_moments,
-    average_statistics,
-)
+from bayestissue.thesis.reanalysis.observations import average_and_sd, average_statistics
+from published_model import AveragesOfLognormals, average_moments
 
 PEOPLE = 10
 SIMULATIONS = 40_000

@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from bayestissue.recordings.dataset import Dataset
 
 type Model = str | Path | Mapping[str, Any] | ModelSpecification
+type Questions = str | Sequence[str] | Mapping[str, str]
 # With so many impacts to look for spoilt recordings takes as long as the fit.
 _MANY = 5000
 # Remarks that the first screen of a page has elsewhere.
@@ -130,7 +131,7 @@ class FitRequest(NamedTuple):
     model: Model | None = None
     K: str | None = None
     C: str | None = None
-    ask: str | Sequence[str] | Mapping[str, str] = ()
+    ask: Questions = ()
     continue_from: Fit | str | Path | None = None
 
 
@@ -219,7 +220,7 @@ def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
     return {q: formula for q, formula in (("K", K), ("C", K if C is None else C)) if formula is not None}
 
 
-def named_questions(questions: str | Sequence[str] | Mapping[str, str]) -> Mapping[str, str]:
+def named_questions(questions: Questions) -> Mapping[str, str]:
     """Questions by their names; those without are question_1 and so on."""
     texts = [questions] if isinstance(questions, str) else questions
     if isinstance(texts, Mapping):
@@ -237,7 +238,7 @@ def resolve(
     quantity: str = "deceleration",
     *,
     formulas: Mapping[str, str] = MappingProxyType({}),
-    questions: str | Sequence[str] | Mapping[str, str] = (),
+    questions: Questions = (),
 ) -> tuple[ModelSpecification, str]:
     """The model that a name, a path, a dict or a specification stands for, and what messages call it.
 

@@ -25,8 +25,8 @@ from bayestissue.thesis.reanalysis.table_model import (
     EstimatesModel,
     common_effects,
     estimates_data,
-    plain_model,
 )
+from published_model import plain_model
 
 pytestmark = pytest.mark.slow
 

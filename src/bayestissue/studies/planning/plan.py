@@ -23,7 +23,7 @@ from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, grouping_of
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.reports.pages.plan_page import page_of
-from bayestissue.studies.fitting import formulas_of, named_questions, silent
+from bayestissue.studies.fitting import Questions, formulas_of, named_questions, silent
 from bayestissue.studies.planning.assurance import Assessment, Goal
 from bayestissue.studies.planning.ledger import Case, Ledger, sha256_of
 from bayestissue.studies.planning.plan_file import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
@@ -168,7 +168,7 @@ def plan(
 
 def content_of(
     candidates: Mapping[str, Any],
-    ask: str | Sequence[str] | Mapping[str, str],
+    ask: Questions,
     *,
     within: Mapping[str, Sequence[str]] | None = None,
     groups: Mapping[str, Sequence[str]] | None = None,

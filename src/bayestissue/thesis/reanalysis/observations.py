@@ -9,11 +9,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpyro.distributions as dist
 import pandas as pd
 from jaxtyping import Array, Float
-from numpyro.distributions import constraints
-from numpyro.distributions.util import validate_sample
 
 from bayestissue.model.hierarchy.design import Design, build_design
 from bayestissue.model.hierarchy.responses import RESPONSES
@@ -25,16 +22,15 @@ REPLICATES = 20_000
 SPREADS = np.geomspace(0.005, 3.0, 40)
 
 
-def average_statistics(average: Any, sd: Any, numeric: Any = jnp) -> tuple[Any, Any]:
+def average_statistics(average: Any, sd: Any) -> tuple[Any, Any]:
     """Mean of the logs and cube root of their variance that an average and standard deviation imply.
 
     By the moments of the lognormal: s² = log(1 + sd²/average²), m = log(average) − s²/2. Of lognormal data
     these two are almost independent and almost normal, as the average and its standard deviation
     themselves are not; the cube root is Wilson and Hilferty's (1931) normalising transform of a variance.
-    ``numeric`` is the library of arrays, numpy or JAX's.
     """
-    variance = numeric.log1p((sd / average) ** 2)
-    return numeric.log(average) - variance / 2, numeric.cbrt(variance)
+    variance = np.log1p((sd / average) ** 2)
+    return np.log(average) - variance / 2, np.cbrt(variance)
 
 
 def average_and_sd(mean_of_logs: np.ndarray, cube_root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -44,70 +40,33 @@ def average_and_sd(mean_of_logs: np.ndarray, cube_root: np.ndarray) -> tuple[np.
     return average, average * np.sqrt(np.expm1(variance))
 
 
-class AveragesOfLognormals(dist.Distribution):
-    """What n pairs (K, C) leave behind when only their averages and standard deviations were published.
-
-    The pairs are independent and bivariate lognormal, with their own log means ``loc`` [..., n, 2] and one
-    covariance of the logs, given by its Cholesky factor ``scale_tril`` [..., 2, 2]. The event is
-    (m_K, m_C, cbrt s²_K, cbrt s²_C), see `average_statistics`; the standard deviation has the divisor n − 1.
-
-    `sample` draws the n pairs and summarises them. `log_prob` is a synthetic likelihood (Wood 2010,
-    doi:10.1038/nature09319): normal, with the moments given by `average_moments`.
-    """
-
-    arg_constraints = {  # noqa: RUF012 - numpyro's convention
-        "loc": constraints.independent(constraints.real, 2),
-        "scale_tril": constraints.lower_cholesky,
-    }
-    support = constraints.real_vector
-    pytree_data_fields = ("loc", "scale_tril")
-
-    def __init__(self, loc: Array, scale_tril: Array, *, validate_args: bool | None = None) -> None:
-        self.loc = loc
-        self.scale_tril = jnp.broadcast_to(scale_tril, (*loc.shape[:-2], 2, 2))
-        super().__init__(batch_shape=loc.shape[:-2], event_shape=(4,), validate_args=validate_args)
-
-    def sample(self, key: Array | None, sample_shape: tuple[int, ...] = ()) -> Array:
-        """Draw the n pairs and summarise them; exact."""
-        if key is None:
-            raise ValueError("sampling needs a key")
-        noise = jax.random.normal(key, (*sample_shape, *self.loc.shape))
-        pairs = jnp.exp(self.loc + jnp.einsum("...ij,...nj->...ni", self.scale_tril, noise))
-        return jnp.concatenate(average_statistics(pairs.mean(-2), pairs.std(-2, ddof=1)), axis=-1)
-
-    @validate_sample
-    def log_prob(self, value: Array, intermediates: object = None) -> Array:
-        """The synthetic normal density of the event."""
-        mean, sd, correlation = average_moments(self.loc, self.scale_tril)
-        # Two independent pairs (K, C) of correlated normals: the means of the logs, and the spreads.
-        deviation, sd = jnp.moveaxis(value - mean, -1, 0), jnp.moveaxis(sd, -1, 0)
-        means, roots = (pair_covariance(sd[a : a + 2], correlation[..., a // 2]) for a in (0, 2))
-        return small.normal_log_density(deviation[:2], means) + small.normal_log_density(deviation[2:], roots)
-
-
-def average_moments(
-    loc: Float[Array, "*batch pair 2"], scale_tril: Float[Array, "*batch 2 2"]
-) -> tuple[Float[Array, "*batch 4"], Float[Array, "*batch 4"], Float[Array, "*batch 2"]]:
-    """Mean and standard deviation of the event of `AveragesOfLognormals`, and two correlations.
-
-    The correlations are those of m_K with m_C, and of cbrt s²_K with cbrt s²_C; the other four vanish
-    nearly. See `moments_of_people`.
-    """
-    return moments_of_people(loc.mean(-2), loc.var(-2, ddof=1), scale_tril, loc.shape[-2])
-
-
 def moments_of_people(
     mean: Float[Array, "*batch 2"],
     scatter: Float[Array, "*batch 2"],
     scale_tril: Float[Array, "*batch 2 2"],
     n: int,
 ) -> tuple[Float[Array, "*batch 4"], Float[Array, "*batch 4"], Float[Array, "*batch 2"]]:
-    """The moments of `average_moments` from ``mean`` and variance (``scatter``) of n pairs' log means.
+    """Moments of what n pairs (K, C) leave behind when only averages and standard deviations were published.
 
-    With the spread of the logs about their common mean, s² = variance + ``scatter``, both moments follow from
-    a table over s that is simulated once for each n. The event's m_K and m_C are normal about ``mean`` and an
-    offset; everything else depends on the spread alone. An effect that the n pairs share can so be
-    integrated out in closed form.
+    The pairs are independent and bivariate lognormal, with their own log means and one covariance of the
+    logs. What is left of them is (m_K, m_C, cbrt s²_K, cbrt s²_C), see `average_statistics`; the standard
+    deviation has the divisor n - 1. It is taken as normal (a synthetic likelihood: Wood 2010,
+    doi:10.1038/nature09319).
+
+    With the spread of the logs about their common mean, s² = variance + ``scatter``, all moments follow from
+    a table over s that is simulated once for each n. m_K and m_C are normal about ``mean`` and an offset;
+    everything else depends on the spread alone. An effect that the n pairs share can so be integrated out in
+    closed form.
+
+    Args:
+        mean: of the pairs' log means.
+        scatter: their variance, with the divisor n - 1.
+        scale_tril: Cholesky factor of the covariance of the logs.
+        n: how many pairs.
+
+    Returns:
+        Mean and standard deviation, and two correlations: those of m_K with m_C, and of cbrt s²_K with cbrt
+        s²_C; the other four vanish nearly.
     """
     variance = jnp.square(scale_tril).sum(-1)
     spread = jnp.sqrt(variance + scatter)
@@ -156,7 +115,7 @@ class PublishedObservations:
     ``cells`` is a table with one row per subject and trial. ``impact_cell`` [impact] points into it for the
     estimates that survive, ``log_estimates`` [impact, 2] are their (log K, log C). ``averaged_cells``
     [trial, subject] are the cells of the trials of which only summaries survive, ``averages`` [trial, 4]
-    their statistics, see `AveragesOfLognormals`.
+    their statistics, see `moments_of_people`.
     """
 
     cells: pd.DataFrame
@@ -194,7 +153,7 @@ def published_observations(published: PublishedTables) -> PublishedObservations:
     by_trial = averages.assign(trial=averages["trial"].astype(str)).set_index(["quantity", "trial"])
     summaries = by_trial.reindex([(q, trial) for q in RESPONSES for trial in lost])
     average, sd = (summaries[name].to_numpy(float).reshape(2, -1) for name in ("average", "sd"))
-    means, roots = average_statistics(average, sd, np)
+    means, roots = average_statistics(average, sd)
     return PublishedObservations(
         cells,
         number.loc[list(zip(trials, people, strict=True))].to_numpy(),

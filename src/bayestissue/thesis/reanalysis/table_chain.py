@@ -30,7 +30,6 @@ from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.model.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.thesis.reanalysis.table_model import (
-    Densities,
     EstimatesData,
     EstimatesModel,
     densities,
@@ -60,13 +59,6 @@ class TableTuning(NamedTuple):
     scatter: Float[Any, "table 2"]
 
 
-class Rates(NamedTuple):
-    """Shares accepted of a transition: of the whole, and of the steps of its walk."""
-
-    population: Float[Any, ""]
-    inner: Float[Any, ""]
-
-
 @dataclass(frozen=True)
 class EstimatesPosterior:
     """Draws of everything, [chain, draw, ...].
@@ -78,7 +70,6 @@ class EstimatesPosterior:
         rows: log density of every row's data.
         data: with the places at which the tables' sites were made.
         acceptance: share of transitions that were accepted.
-        segments: of the warm-up, and since.
         verdict: of the last look.
     """
 
@@ -88,7 +79,6 @@ class EstimatesPosterior:
     rows: Float[np.ndarray, "chain draw row"]
     data: EstimatesData
     acceptance: float
-    segments: tuple[int, int]
     verdict: LookVerdict
 
 
@@ -129,7 +119,6 @@ def sample_posterior(
         return TableTuning(nearest_t(visited.y), visited.scatter.mean(0))
 
     tuning = warmed_up(chains, tuning, retuned, progress)
-    warm = chains.number
     drawn = next(sampled(chains, tuning, _quantities, progress, sampler=sampler))
     chosen = evenly_spaced(drawn.path.y.shape[1], sampler.draws)
     y, b = drawn.path.y[:, chosen], drawn.path.b[:, chosen]
@@ -140,8 +129,7 @@ def sample_posterior(
         b,
         in_chains(densities_at(model, data, *flat((y, b))).rows, y.shape[:2]),
         data,
-        float(drawn.rates.population),
-        (warm, drawn.segments),
+        drawn.rates,
         drawn.verdict,
     )
 
@@ -156,7 +144,7 @@ def _advanced(
     key: Array,
     gain: Float[Array, ""],
 ) -> Segment:
-    data = jax.tree.map(jnp.asarray, data)._replace(scatter=tuning.scatter)
+    data = data._replace(scatter=tuning.scatter)
 
     def transition(carried: tuple[TableState, Array], key: Array) -> Any:
         state, length = carried
@@ -178,7 +166,7 @@ def _advanced(
             jnp.where(accepted, there.scatter, here.scatter),
         )
         length = followed(length, gain, inner - settings.population_acceptance, settings.population_steps)
-        return (state, length), (state, Rates(jnp.where(accepted, 1.0, 0.0), inner))
+        return (state, length), (state, jnp.where(accepted, 1.0, 0.0))
 
     of_segment = jax.lax.scan(transition, carried, jax.random.split(key, settings.segment))
     return Segment(of_segment[0], *of_segment[1])
@@ -190,15 +178,9 @@ def _quantities(path: TableState) -> tuple[np.ndarray, np.ndarray]:
     return np.moveaxis(population, -1, 0), np.zeros((0, *path.y.shape[:2]))
 
 
-@by_row(POINTS, constant=2)
-def densities_at(
-    model: EstimatesModel,
-    data: EstimatesData,
-    y: Float[Array, " hyperparameter"],
-    b: Float[Array, " location"],
-) -> Densities:
-    """`densities` at every draw, as numpy arrays."""
-    return densities(model, jax.tree.map(jnp.asarray, data), y, b)
+# At every draw, as numpy arrays.
+densities_at = by_row(POINTS, constant=2)(densities)
+_left_out = by_row(POINTS, constant=2)(leave_one_out)
 
 
 @by_row(POINTS, constant=2)
@@ -209,7 +191,6 @@ def effects_by_sites(
     standard: Float[Array, " location"],
 ) -> tuple[Float[Array, " location"], Float[Array, ""]]:
     """B from its conditional by the sites, and the log density with b integrated out, of every draw."""
-    data = jax.tree.map(jnp.asarray, data)
     conditional, log_density = integrated(model, data, y)
     return effects_from_standard(data.design, conditional, data.location_mean, standard), log_density
 
@@ -220,9 +201,6 @@ def leave_one_out_densities(
     """Log density of every row given all others, for each draw; see `leave_one_out`."""
     y = posterior.y
     return in_chains(_left_out(model, posterior.data, flat(y)), y.shape[:2])
-
-
-_left_out = by_row(POINTS, constant=2)(leave_one_out)
 
 
 def evidence_ratios(

@@ -5,7 +5,7 @@ A printed estimate y of an impact is known exactly: y ~ N(X b, S), with S the co
 expectations; but its spread depends on how much these differ, v = Var(X b) over the people, which is no
 Gaussian function of b. Its Gaussian site holds v at a value; factor over site puts things right.
 
-`plain_model` says what is believed, top down; `integrated` is what the chain asks of it.
+`integrated` is what the chain asks of it; the tests have the same model from the top down, for numpyro.
 """
 
 from __future__ import annotations
@@ -18,8 +18,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpyro
-import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Bool, Float
 
@@ -40,10 +38,9 @@ from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import EffectPart, EffectParts, effects_of
 from bayestissue.model.hierarchy.priors import Priors
 from bayestissue.model.hierarchy.responses import RESPONSES
-from bayestissue.model.hierarchy.trace_models import Hierarchy, hyperparameters_at, sample_hyperparameters
+from bayestissue.model.hierarchy.trace_models import Hierarchy, hyperparameters_at
 from bayestissue.model.likelihood import small
 from bayestissue.thesis.reanalysis.observations import (
-    AveragesOfLognormals,
     PublishedObservations,
     moments_of_people,
     pair_covariance,
@@ -68,7 +65,7 @@ class EstimatesData(NamedTuple):
     Attributes:
         design: X over rows; that of a lost table is the mean over its people.
         location_mean: prior mean of b.
-        value: (log K, log C) of an estimate; (m_K, m_C) of a lost table, see `AveragesOfLognormals`.
+        value: (log K, log C) of an estimate; (m_K, m_C) of a lost table, see `average_statistics`.
         included: 1, or 0 for a row that is held out.
         roots: of each lost table, the cube roots of its variances of logs.
         people: of log K and of log C, X of each lost table's people less their mean.
@@ -234,7 +231,7 @@ def densities(
     """See `Densities`."""
     covariances = model.covariances(hyperparameters_at(model, y)[0])
     at_sites = _rows(data, covariances, data.scatter)
-    people = _people_deviations(data, b)
+    people = people_deviations(data, b)
     scatter = (people**2).sum(1) / (people.shape[1] - 1)
     expectation = expected(data.design, b)
     rows = _rows(data, covariances, scatter).log_density(expectation)
@@ -242,22 +239,7 @@ def densities(
     return Densities(scatter, log_ratio, rows)
 
 
-def _people_deviations(data: EstimatesData, b: Float[Array, " location"]) -> Float[Array, "table person 2"]:
+def people_deviations(data: EstimatesData, b: Float[Array, " location"]) -> Float[Array, "table person 2"]:
     """X b of each lost table's people less their mean."""
     begin = data.people[0].shape[-1]
     return jnp.stack([data.people[0] @ b[:begin], data.people[1] @ b[begin:]], axis=-1)
-
-
-def plain_model(model: EstimatesModel, data: EstimatesData) -> None:
-    """The model from the top down: hyperparameters, b, every estimate, the lost tables' averages."""
-    covariances = model.covariances(sample_hyperparameters(model))
-    b = numpyro.sample("locations", dist.Normal(data.location_mean, covariances.locations).to_event(1))
-    expectation = expected(data.design, b).T
-    tables, factor = len(data.roots), jnp.linalg.cholesky(covariances.pair_matrix)
-    with numpyro.plate("averaged_trial", tables):
-        lost = AveragesOfLognormals(expectation[:tables, None] + _people_deviations(data, b), factor)
-        events = jnp.concatenate([data.value[:tables], data.roots], axis=-1)
-        numpyro.sample("averages", lost.mask(data.included[:tables] > 0), obs=events)
-    with numpyro.plate("impact", len(data.value) - tables):
-        estimates = dist.MultivariateNormal(expectation[tables:], scale_tril=factor)
-        numpyro.sample("estimates", estimates.mask(data.included[tables:] > 0), obs=data.value[tables:])
