@@ -362,7 +362,8 @@ def by_added_mass(
     moved = shown.at[which].set(mean + shift + jnp.exp(log_scale) * (shown[which] - mean))
     u = target.per_inertia(moved, -1.0)
     name = f"sd_{target.model.nuisance[which - 2]}"
-    spread, transform = target.model.unknown.index(name), biject_to(target.model.prior_of(name).support)
+    spread = target.model.hyperparameters.index(name)
+    transform = biject_to(target.model.prior_of(name).support)
     coordinate, sd = state.y[spread], transform(state.y[spread])
     scaled = jnp.exp(log_scale) * sd
     further = transform.inv(scaled)

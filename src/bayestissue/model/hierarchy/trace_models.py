@@ -111,11 +111,6 @@ class Hierarchy:
         impact_level = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
         return (*groups, *impact_level, *(f"sd_{name}" for name in self.nuisance))
 
-    @property
-    def unknown(self) -> tuple[str, ...]:
-        """Those of `hyperparameters` that are estimated."""
-        return self.hyperparameters
-
     def prior_of(self, name: str) -> dist.Distribution:
         """The prior of one of `hyperparameters`."""
         prior = self.priors.by_name()[name]
@@ -282,12 +277,12 @@ def sample_hyperparameters(model: Hierarchy) -> Hyperparameters:
 def hyperparameters_at(
     model: Hierarchy, y: Float[Array, " hyperparameter"]
 ) -> tuple[Hyperparameters, Float[Array, ""]]:
-    """The unknown hyperparameters, and their log prior density, from unconstrained coordinates."""
+    """The hyperparameters, and their log prior density, from unconstrained coordinates."""
     hyperparameters: Hyperparameters = {}
     density = jnp.zeros(())
     # Alike priors in one call: dozens of operations on single numbers take long to compile.
     for prior, names in _grouped(model):
-        coordinates = y[jnp.array([model.unknown.index(name) for name in names])]
+        coordinates = y[jnp.array([model.hyperparameters.index(name) for name in names])]
         transform = biject_to(prior.support)
         values = transform(coordinates)
         density += (prior.log_prob(values) + transform.log_abs_det_jacobian(coordinates, values)).sum()
@@ -297,7 +292,7 @@ def hyperparameters_at(
 
 def _grouped(model: Hierarchy) -> list[tuple[dist.Distribution, list[str]]]:
     """The hyperparameters' priors, all half-normal ones as one of a vector."""
-    priors = {name: model.prior_of(name) for name in model.unknown}
+    priors = {name: model.prior_of(name) for name in model.hyperparameters}
     half_normal = [name for name, prior in priors.items() if isinstance(prior, HalfNormalSpread)]
     scales = jnp.array([priors[name].scale for name in half_normal])
     together = [(HalfNormalSpread(scales), half_normal)] if half_normal else []

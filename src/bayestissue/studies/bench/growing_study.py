@@ -191,7 +191,7 @@ class GrowingStudy:
         if len(at):
             centre[0, at], precision[at] = (np.array(part) for part in zip(*sites, strict=True))
         present[0, at] = True
-        start = {name: np.array([0.0 if "correlation" in name else 0.1]) for name in model.unknown}
+        start = {name: np.array([0.0 if "correlation" in name else 0.1]) for name in model.hyperparameters}
         drawn = posteriors(
             PlannedSites(model, columns, precision, centre, present), model.unconstrained(start)
         )

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import jax.numpy as jnp
@@ -36,7 +35,7 @@ from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_models import Hierarchy, hyperparameters_at
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PlannedModel(Hierarchy):
     """What the analysis of a planned study assumes.
 
@@ -45,7 +44,6 @@ class PlannedModel(Hierarchy):
         priors: of the analysis.
         correlated: whether the deviations of log K and log C of one impact are.
         log_mass_sd: standard deviation of the error of the recorded log mass.
-        known: the hyperparameters that the analysis knows, by name; empty of a real one.
         common_mass_sd: standard deviation of the log of a factor that all masses have in common, in the place
             of errors of their own; None where they have those.
     """
@@ -54,38 +52,18 @@ class PlannedModel(Hierarchy):
     priors: Priors
     correlated: bool
     log_mass_sd: float = 0.0
-    known: Mapping[str, float] | None = None
     common_mass_sd: float | None = None
 
-    @cached_property
-    def unknown(self) -> tuple[str, ...]:
-        """The hyperparameters that the analysis estimates."""
-        return tuple(name for name in self.hyperparameters if name not in (self.known or {}))
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """All that what is compiled for this model depends on."""
-        known = tuple(sorted((self.known or {}).items()))
-        return self.locations, self.priors, self.correlated, self.log_mass_sd, known, self.common_mass_sd
-
-    def __hash__(self) -> int:
-        return hash(self.key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, PlannedModel) and self.key == other.key
-
     def at(self, y: Float[Array, " coordinate"]) -> tuple[dict[str, Array], Float[Array, ""]]:
-        """The hyperparameters and their log prior density at unconstrained coordinates of `unknown`."""
-        values, density = hyperparameters_at(self, y)
-        return values | {name: jnp.asarray(value) for name, value in (self.known or {}).items()}, density
+        """The hyperparameters and their log prior density at unconstrained coordinates."""
+        return hyperparameters_at(self, y)
 
     def unconstrained(self, values: Mapping[str, Any]) -> Float[np.ndarray, "study coordinate"]:
         """Coordinates of `at`, of any number of studies."""
         coordinates = [
-            biject_to(self.prior_of(name).support).inv(jnp.asarray(values[name])) for name in self.unknown
+            biject_to(self.prior_of(name).support).inv(jnp.asarray(values[name]))
+            for name in self.hyperparameters
         ]
-        if not coordinates:
-            return np.zeros((len(next(iter(values.values()))), 0))
         return np.stack([np.asarray(coordinate) for coordinate in coordinates], axis=-1)
 
     def at_true_masses(

@@ -70,10 +70,10 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
 
     Args:
         sites: of the studies.
-        start: where each mode is looked for, unconstrained coordinates in the order of the model's `unknown`.
+        start: where each mode is looked for: unconstrained, in the order of the model's `hyperparameters`.
     """
     studies, size = start.shape
-    points, repeats = (SETTINGS.points, SETTINGS.effects) if size else (1, SETTINGS.points * SETTINGS.effects)
+    points, repeats = SETTINGS.points, SETTINGS.effects
     columns, effects = sites.columns._replace(cell=np.zeros(0, int)), sites.model.locations.size
     # One more number is of the factor that all masses have in common.
     width = effects + (sites.model.common_mass_sd is not None)
@@ -87,8 +87,7 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
         (
             sites.centre,
             sites.present,
-            # Without coordinates there is a number that nothing asks for: no batch is of nothing.
-            np.clip(start, -SETTINGS.farthest, SETTINGS.farthest) if size else np.zeros(studies),
+            np.clip(start, -SETTINGS.farthest, SETTINGS.farthest),
             _proposal_points(size, points, shift),
             sign[:, :effects],
         ),
@@ -102,7 +101,7 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
         sites.model.at_true_masses(b.reshape(len(start), points * repeats, -1), of_mass),
         np.repeat(weight / repeats, repeats, axis=1),
         1 / (weight**2).sum(axis=1),
-        mode if size else start,
+        mode,
     )
 
 
@@ -128,7 +127,7 @@ def _integrated(
     standard: Float[Array, "point effect location"],
 ) -> tuple[Array, dict[str, Array], Array, Array]:
     """Of each study: log weights of the points, the hyperparameters, draws of b, and the mode."""
-    (columns, mean, precision), size = population, studies[3].shape[-1]
+    columns, mean, precision = population
 
     def of_study(study: tuple[Array, ...]) -> tuple[Array, dict[str, Array], Array, Array]:
         centre, present, start, points, sign = study
@@ -146,8 +145,6 @@ def _integrated(
             b = jax.vmap(partial(effects_from_standard, columns, effects, mean))(standard)
             return density + log_prior, values, b
 
-        if not size:
-            return jnp.zeros(1), *jax.vmap(at)(points, sign * standard)[1:], start
         mode, value, root = _mode(potential, start)
         proposal = _Proposal(root, _split(potential, mode, value, root))
         whitened = proposal.from_standard(points)
