@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bayestissue.studies.certificate.ranks import calibration_table, judge
-from bayestissue.studies.certificate.uniform import DRAWS, half_band, p_of_uniform
+from bayestissue.studies.certificate.ranks import DRAWS, calibration_table, half_band, judge, p_of_uniform
 
 REFITS = 20
 

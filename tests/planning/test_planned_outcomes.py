@@ -13,7 +13,6 @@ import bayestissue as bt
 from bayestissue.base.errors import InputError, Problem
 from bayestissue.mechanics.elements import outcomes
 from bayestissue.studies.planning.assurance import planner
-from bayestissue.studies.planning.plan import _of_goal
 from bayestissue.studies.planning.plan_file import plan_of
 from bayestissue.studies.planning.planned_study import factors_named, study_of
 from bayestissue.studies.planning.tabulated_law import PlannedLaw
@@ -101,7 +100,7 @@ def test_a_time_that_may_never_come_has_no_width() -> None:
     )
     ((assessed,),) = ready.assess(study.goals, range(1))
     assert assessed.answered == 0
-    numbers = _of_goal(assessed)
+    numbers = assessed.numbers()
     assert (numbers["width"], numbers["answered"]) == (None, 0)
 
 

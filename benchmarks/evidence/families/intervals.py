@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from bayestissue.studies.certificate.uniform import DRAWS, half_band, p_of_uniform
+from bayestissue.studies.certificate.ranks import DRAWS, half_band, p_of_uniform
 from evidence.registry import of_family
 from evidence.texts import (
     Figure,

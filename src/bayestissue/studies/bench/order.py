@@ -59,14 +59,14 @@ class Order:
             return rows
         planned = list(dict.fromkeys(str(row["subject"]) for row in self.rows))
         names = dict(zip(planned, people, strict=False))
-        # Who comes next is not known: such a row leaves the person open.
-        unnamed = {at: {k: v for k, v in row.items() if k != "subject"} for at, row in rows.items()}
-        return {
-            at: {**unnamed[at], "subject": names[str(row["subject"])]}
-            if str(row["subject"]) in names
-            else unnamed[at]
-            for at, row in rows.items()
-        }
+
+        def named(row: Cells) -> Cells:
+            # Who comes next is not known: such a row leaves the person open.
+            person = names.get(str(row["subject"]))
+            others = {k: v for k, v in row.items() if k != "subject"}
+            return others if person is None else {**others, "subject": person}
+
+        return {at: named(row) for at, row in rows.items()}
 
     def row_for(self, file: str, open_rows: Mapping[int, Cells], *facts: Cells) -> int | None:
         """The row that a new file takes: the one that names it, else the first open one.

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -105,22 +105,33 @@ class Assessment:
         """The assurance: share of studies that answer."""
         return float((self.yes | self.no).mean())
 
-    @property
-    def misleads(self) -> float:
-        """Share of studies with an answer that is not true; 0 of an expression."""
-        if self.goal.width is not None:
-            return 0.0
-        return float(((self.yes & ~self.true) | (self.no & self.true)).mean())
+    def numbers(self) -> dict[str, Any]:
+        """What tables say of it; None of what a claim, or an expression, has none of.
 
-    @property
-    def undecided_bits(self) -> float:
-        """Expected entropy of the claim after the study, in bits; the less, the more the study tells."""
-        p = np.clip(self.p, 1e-12, 1 - 1e-12)
-        return float(-(p * np.log2(p) + (1 - p) * np.log2(1 - p)).mean())
-
-    def se(self, share: float) -> float:
-        """Monte Carlo standard error of a share of the studies."""
-        return float(np.sqrt(share * (1 - share) / self.studies))
+        ``answered`` with the Monte Carlo standard error ``se``; ``misleads``, the share of studies with an
+        answer that is not true; ``undecided_bits``, the expected entropy of the claim after the study: the
+        less, the more the study tells.
+        """
+        answered, is_width = self.answered, self.goal.width is not None
+        # Where all studies agree, the error is that of one more which does not.
+        least = 1 / (self.studies + 2)
+        share = float(np.clip(answered, least, 1 - least))
+        wrong, p = (self.yes & ~self.true) | (self.no & self.true), np.clip(self.p, 1e-12, 1 - 1e-12)
+        bits = -(p * np.log2(p) + (1 - p) * np.log2(1 - p))
+        return {
+            "studies": self.studies,
+            "answered": answered,
+            "se": float(np.sqrt(share * (1 - share) / self.studies)),
+            "yes": float(self.yes.mean()),
+            "no": None if is_width else float(self.no.mean()),
+            "undecided": 1 - answered,
+            "misleads": None if is_width else float(wrong.mean()),
+            "true": None if is_width else float(self.true.mean()),
+            "undecided_bits": None if is_width else float(bits.mean()),
+            # A time that may never come has no width in some studies.
+            "width": _mean(self.width) if is_width else None,
+            "width_q80": _mean(np.quantile(self.width, [0.8])) if is_width else None,
+        }
 
     @classmethod
     def from_table(cls, goal: Goal, probability: float, table: pd.DataFrame) -> Self:
@@ -130,6 +141,11 @@ class Assessment:
     def table(self) -> pd.DataFrame:
         """A row for each study, of the columns `PER_STUDY`."""
         return pd.DataFrame({name: getattr(self, name) for name in PER_STUDY})
+
+
+def _mean(values: Float[np.ndarray, " number"]) -> float | None:
+    """The mean; None of what has none."""
+    return float(values.mean()) if np.isfinite(values).all() else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -359,11 +359,6 @@ def _held_open(case: Case, goals: Sequence[Goal]) -> dict[str, list[dict[str, An
     }
 
 
-def _mean(values: np.ndarray) -> float | None:
-    """The mean; None of what has none."""
-    return float(values.mean()) if np.isfinite(values).all() else None
-
-
 def _at_one_truth(prior: DesignPrior) -> DesignPrior:
     """Every belief at its median."""
     match prior:
@@ -379,7 +374,7 @@ def _of_case(
     case: Case, plan: PlanSpecification, assessed: Sequence[Assessment], base: Sequence[Assessment] = ()
 ) -> dict[str, Any]:
     """The numbers of a design by goal, and what they gained over those of the same studies in ``base``."""
-    goals = {assessment.goal.name: _of_goal(assessment) for assessment in assessed}
+    goals = {assessment.goal.name: assessment.numbers() for assessment in assessed}
     for before, more in zip(base, assessed, strict=False):
         goals[more.goal.name] |= _gain(before, more)
     return {**case.design.columns(), "minutes": case.design.minutes(plan.cost), "goals": goals}
@@ -391,27 +386,6 @@ def _gain(before: Assessment, more: Assessment) -> dict[str, float]:
     # Where no study changes, the error is that of one more which does.
     error = np.sqrt(max(gained.var(), 1 / (len(gained) + 2)) / len(gained))
     return {"gain": float(gained.mean()), "gain_se": float(error)}
-
-
-def _of_goal(assessment: Assessment) -> dict[str, Any]:
-    """The numbers of one design and goal; None of what it has none of."""
-    answered, is_width = assessment.answered, assessment.goal.width is not None
-    # Where all studies agree, the error is that of one more which does not.
-    least = 1 / (assessment.studies + 2)
-    return {
-        "studies": assessment.studies,
-        "answered": answered,
-        "se": assessment.se(float(np.clip(answered, least, 1 - least))),
-        "yes": float(assessment.yes.mean()),
-        "no": None if is_width else float(assessment.no.mean()),
-        "undecided": 1 - answered,
-        "misleads": None if is_width else assessment.misleads,
-        "true": None if is_width else float(assessment.true.mean()),
-        "undecided_bits": None if is_width else assessment.undecided_bits,
-        # A time that may never come has no width in some studies.
-        "width": _mean(assessment.width) if is_width else None,
-        "width_q80": _mean(np.quantile(assessment.width, [0.8])) if is_width else None,
-    }
 
 
 def _designs(content: Mapping[str, Any]) -> pd.DataFrame:
