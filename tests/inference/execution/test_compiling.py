@@ -17,7 +17,7 @@ from bayestissue.inference.execution.compiling import by_row
 SIZE = 8
 
 
-@by_row(SIZE, constant=2, static_argnames="scale")
+@by_row(SIZE, constant=2)
 def of_row(
     scale: float, offset: Any, row: Float[Array, " value"]
 ) -> tuple[Float[Array, ""], Float[Array, " value"]]:

@@ -47,7 +47,7 @@ def explanations(prepared: Prepared, first: GaussianFactor, progress: Progress =
         progress(number, len(shifts))
         start = guess.copy()
         start[:, :2] += shift
-        expanded.append(laplace_of_all(prepared.model, data, start, prior, silent))
+        expanded.append(laplace_of_all(prepared.model, data, start, prior))
     tried = GaussianFactor(*(np.stack(leaves) for leaves in zip(*expanded, strict=True)))
     return _distinct(tried)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial, wraps
 from typing import Any
@@ -30,8 +30,6 @@ def by_row(
     *,
     constant: int,
     axes: int = 1,
-    static_argnames: str | Sequence[str] = (),
-    options: dict[str, Any] = _SOONER,
 ) -> Callable[[Function], Function]:
     """Makes a function of one row one of any number of rows along first axes, its results numpy arrays.
 
@@ -44,12 +42,10 @@ def by_row(
         size: about as many rows as are often asked for at once.
         constant: how many arguments come before the row's, the same for all rows.
         axes: how many first axes rows lie along.
-        static_argnames: as of `jax.jit`, among these.
-        options: of the compiler.
     """
 
     def decorated(function: Function) -> Function:
-        @partial(jax.jit, static_argnames=static_argnames, compiler_options=options)
+        @partial(jax.jit, compiler_options=_SOONER)
         @wraps(function)
         def first(*arguments: Any) -> Any:
             same, rows, number = arguments[:constant], arguments[constant:-1], arguments[-1]

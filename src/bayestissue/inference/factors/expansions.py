@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.inference.execution.chunks import Progress, map_impacts, silent
+from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.points.point_fit import PointFit, fit_points
@@ -79,16 +79,16 @@ def rows_of(sites: GaussianFactor, rows: np.ndarray) -> GaussianFactor:
     return GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
 
 
-def expanded(prepared: Prepared, progress: Progress = silent) -> GaussianFactor:
+def expanded(prepared: Prepared) -> GaussianFactor:
     """Every likelihood expanded at its own maximum."""
     start = first_guess(prepared)
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
     smooth = with_normal_errors(prepared.data)
-    return laplace_of_all(prepared.model, smooth, start, weak_prior(start), progress)
+    return laplace_of_all(prepared.model, smooth, start, weak_prior(start))
 
 
 def laplace_of_all(
-    model: TraceModel, smooth: TraceData, start: np.ndarray, prior: ConditionalPrior, progress: Progress
+    model: TraceModel, smooth: TraceData, start: np.ndarray, prior: ConditionalPrior
 ) -> GaussianFactor:
     """`laplace_sites` of all impacts, block by block; errors of the traces are to be normal."""
-    return map_impacts(partial(laplace_sites, model), smooth, start, prior.of_each(), progress=progress)
+    return map_impacts(partial(laplace_sites, model), smooth, start, prior.of_each())

@@ -158,9 +158,9 @@ def least_curvature(slope: Float[np.ndarray, "*axis"]) -> Float[np.ndarray, "*ax
     return np.maximum(slope**2 / (2 * _MOST_GAIN), _LEAST_PRECISION)
 
 
-def weak_prior(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) -> ConditionalPrior:
-    """A weak prior about the first guess."""
-    return ConditionalPrior(np.asarray(start), np.eye(start.shape[1]) / sd**2)
+def weak_prior(start: Float[np.ndarray, "impact parameter"]) -> ConditionalPrior:
+    """A weak prior about the first guess, of a standard deviation of 2."""
+    return ConditionalPrior(np.asarray(start), np.eye(start.shape[1]) / 4)
 
 
 def nearest_parabolas(
