@@ -13,6 +13,7 @@ from bayestissue.base.declarations import general, taking
 from bayestissue.base.errors import InputError
 from bayestissue.base.outline import Outlined, Rows
 from bayestissue.inference.points.notes import said_once
+from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.single.impact_estimates import by_impact, outcomes_in
 from bayestissue.recordings.dataset.arrays import dataset as dataset_of
 from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
@@ -20,6 +21,7 @@ from bayestissue.recordings.dataset.dataset_file import arguments
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.signal import displacements
 from bayestissue.recordings.signal.quality import inspect
+from bayestissue.reports.figures.impacts import end
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.figures.traces import recording
 from bayestissue.reports.pages.wording import estimated
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
 
 _STATED = ("gravity", "zero", "contact", "uncertainty", "recorder")
 _NO_ESTIMATE = "no estimate"
-_ENDS = ("K_low_N_per_m", "K_high_N_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -170,12 +171,12 @@ def impact_of(data: Dataset) -> Impact:
     if posteriors is not None and posteriors.residuals is not None:
         left = posteriors.residuals[0, inside]
     row = table.iloc[0]
-    ends = [float(row[name]) for name in _ENDS]
+    interval = {q: (float(row[end(q, "low")]), float(row[end(q, "high")])) for q in COLUMNS}
     return Impact(
-        K=float(row["K_N_per_m"]),
-        C=float(row["C_N_s_per_m"]),
-        K_interval=(ends[0], ends[1]),
-        C_interval=(ends[2], ends[3]),
+        K=float(row[COLUMNS["K"]]),
+        C=float(row[COLUMNS["C"]]),
+        K_interval=interval["K"],
+        C_interval=interval["C"],
         flags=tuple(flag for flag in row["flags"].split("; ") if flag),
         notes=tuple(said_once([row["notes"]])),
         dataset=data,

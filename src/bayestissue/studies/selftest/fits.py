@@ -14,7 +14,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binom
 
+from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.mechanics.elements import element
+from bayestissue.reports.figures.impacts import end
 from bayestissue.studies.selftest.check_results import Compared, differing
 
 _MODEL, _SUMMARY = "model.toml", "summary"
@@ -125,7 +127,7 @@ def _held(run: Path, truth: pd.DataFrame) -> list[Compared]:
 
     summary = read_table(run, _SUMMARY)
     held, distances = [], []
-    for variable, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
+    for variable, column in COLUMNS.items():
         rows = summary[summary["variable"] == variable].reset_index(drop=True)
         true = truth[column].to_numpy(float)
         held.append((rows["eti90_low"] <= true) & (true <= rows["eti90_high"]))
@@ -153,17 +155,14 @@ def calibrated(folder: Path, campaigns: int) -> list[Compared]:
     """Estimate each impact of campaigns by itself: K and C of thirty impacts each, and their intervals."""
     from bayestissue.inference.single.impact_estimates import estimate
 
-    hits: dict[str, list[np.ndarray]] = {"K": [], "C": []}
+    hits: dict[str, list[np.ndarray]] = {q: [] for q in COLUMNS}
     for number in range(campaigns):
         truth = campaign(folder / f"campaign-{number}", subjects=10, seed=100 + number)
         estimates = estimate(folder / f"campaign-{number}")
-        for name, unit in (("K", "N_per_m"), ("C", "N_s_per_m")):
-            true = truth[f"{name}_{unit}"].to_numpy(float)
-            hits[name].append(
-                (
-                    (estimates[f"{name}_low_{unit}"] <= true) & (true <= estimates[f"{name}_high_{unit}"])
-                ).to_numpy()
-            )
+        for q, column in COLUMNS.items():
+            low, high = (estimates[end(q, side)].to_numpy() for side in ("low", "high"))
+            true = truth[column].to_numpy(float)
+            hits[q].append((low <= true) & (true <= high))
     return [coverage(np.concatenate(inside), name) for name, inside in hits.items()]
 
 
