@@ -13,7 +13,7 @@ import pytest
 
 from bayestissue.base.results.tables import read_table
 from bayestissue.recordings.dataset.recorders import SUFFIXES
-from bayestissue.studies.selftest import fits, formats, selection
+from bayestissue.studies.selftest import fits, selection
 from bayestissue.studies.selftest.check_results import Compared, Part, differing, run, verdict
 from command_line import bayestissue
 
@@ -25,19 +25,19 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 def test_every_format_is_read(tmp_path: Path) -> None:
-    comparisons = formats.read_back(tmp_path)
+    comparisons = selection.read_back(tmp_path)
     assert [finding for finding in comparisons if not finding.passed] == []
     assert [finding.what for finding in comparisons] == list(SUFFIXES)
 
 
 def test_a_format_that_is_read_wrong_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    samples = shutil.copytree(formats.SAMPLES, tmp_path / "samples")
+    samples = shutil.copytree(selection.SAMPLES, tmp_path / "samples")
     text = (samples / "recording.csv").read_text()
     (samples / "recording.csv").write_text(text.replace(",17.16", ",17.17"))
     assert text != (samples / "recording.csv").read_text()
-    monkeypatch.setattr(formats, "SAMPLES", samples)
+    monkeypatch.setattr(selection, "SAMPLES", samples)
     (tmp_path / "read").mkdir()
-    assert [f.what for f in formats.read_back(tmp_path / "read") if not f.passed] == [".csv"]
+    assert [f.what for f in selection.read_back(tmp_path / "read") if not f.passed] == [".csv"]
 
 
 def test_a_check_that_ends_by_an_error_is_one_that_failed(tmp_path: Path) -> None:

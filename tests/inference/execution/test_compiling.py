@@ -43,7 +43,7 @@ def test_rows_lie_along_as_many_axes_as_are_stated() -> None:
 def test_any_number_of_rows_is_compiled_once() -> None:
     before = of_row.jitted._cache_size()
     for count in (3, SIZE, 21):
-        assert of_row(7.0, 1.0, np.ones((count, 9)))[1].shape == (count, 9)
+        assert of_row(7.0, 1.0, np.ones((count, 11)))[1].shape == (count, 11)
     assert of_row.jitted._cache_size() == before + 1
 
 

@@ -109,8 +109,7 @@ def study_of(plan: PlanSpecification, source: str) -> PlannedStudy:
         with collected(problems):
             design = build_design(formulas, rows, reference_mass_kg=reference, source=named)
             judged.append(design)
-            masses = sorted(set(rows["mass_kg"]))
-            problems += _unanswerable(design, masses, readable, model, law, source)
+            problems += _unanswerable(design, readable, model, law, source)
     problems += _unknown_beliefs(plan, judged, source)
     prior: DesignPrior = plan.population if earlier is None else earlier.prior
     words = {} if earlier is None else earlier.words
@@ -217,7 +216,6 @@ def _unreadable(goal: Goal, source: str) -> Problem | None:
 
 def _unanswerable(
     design: Design,
-    masses_kg: Sequence[float],
     goals: Sequence[Goal],
     model: ModelSpecification,
     law: Law,
@@ -225,7 +223,7 @@ def _unanswerable(
 ) -> list[Problem]:
     """Goals about what this design does not have."""
     problems: list[Problem] = []
-    draws = _example(design, model)
+    draws, masses_kg = _example(design, model), sorted(set(design.recorded.rows["mass_kg"]))
     further = [parameter.name for parameter in element(model.element).extra]
     words: dict[str, Any] = {"element": model.element, "parameters": ", ".join(further)}
     for goal in goals:
