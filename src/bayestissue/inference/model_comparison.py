@@ -27,7 +27,7 @@ from bayestissue.inference.results.cross_validation import (
     scheme_words,
     schemes,
 )
-from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
+from bayestissue.inference.results.labels import unit_of
 from bayestissue.inference.results.meanings import meaning
 from bayestissue.inference.samplers.sampling import interval
 from bayestissue.mechanics.elements.outcomes import DECLARED, REFERENCE_OUTCOMES
@@ -271,7 +271,7 @@ def _quantiles(name_of_run: str, run: Study) -> list[pd.DataFrame]:
     for name, array in {**comparable_draws(posterior, of_impacts), **typical, **_outcomes(run)}.items():
         by_person = array if "subject" in array.dims else array.expand_dims(subject=[""])
         ends, labels = interval(by_person), by_person["subject"].astype(str).to_numpy().tolist()
-        unit = _UNITS.get(name) or (ATTRIBUTES | element_attributes())[name]["unit"]
+        unit = _UNITS.get(name) or unit_of(name)
         person = meaning(name, people=people).level
         table = pd.DataFrame({"label": labels, "median": ends["median"], "variable": name})
         table = table.assign(eti90_low=ends["low"], eti90_high=ends["high"])

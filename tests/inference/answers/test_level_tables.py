@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -173,6 +175,24 @@ def test_without_a_law_levels_have_k_and_c_and_no_pictures() -> None:
     assert set(levels_table(compared)["quantity"]) == {"K", "C"}
     assert loops_table(compared).empty
     assert curves_table(compared).empty
+
+
+def test_a_parameter_of_the_element_that_differs_by_pad_has_its_levels_in_its_unit() -> None:
+    depth = "stiffening_depth_m"
+    draws = draws_of(0.05)
+    draws[f"log_{depth}_mean"] = np.log(0.012) + 0.1 * draws["intercept_K"]
+    for pad in list(PADS)[1:]:
+        draws[f"effect_of_pad[{pad}]_{depth}"] = 0.1 + 0 * draws["intercept_K"]
+    by_pad = recorded()
+    compared = Contrasts(
+        Study(draws, replace(by_pad, formulas=by_pad.formulas | {depth: "pad"}), Law("stiffening", 0.0))
+    )
+    table = levels_table(compared).set_index("quantity")
+    assert set(table.loc[depth, "unit"]) == {"m"}
+    assert set(table.loc["peak_depth", "unit"]) == {"m"}
+    median = table.loc[depth].set_index("level")["median"]
+    assert_allclose(median, np.exp(np.median(draws[f"log_{depth}_mean"]) + np.array([0.0, 0.1, 0.1])))
+    assert {"K", "C", depth} <= set(contrasts_table(compared, 0.1)["quantity"])
 
 
 def test_of_many_conditions_few_motions_are_drawn_and_many_masses_have_no_curves() -> None:

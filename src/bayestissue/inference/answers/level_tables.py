@@ -25,9 +25,9 @@ from bayestissue.inference.answers.meaning import average_notes
 from bayestissue.inference.answers.questions import ranked
 from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
-from bayestissue.inference.results.meanings import UNITS
+from bayestissue.inference.results.labels import unit_of
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.mechanics.elements.outcomes import DECLARED, REFERENCE_OUTCOMES
+from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
 from bayestissue.model.hierarchy.recorded import Condition, Recorded, label_of
 
 IN, OUT = "in", "out"
@@ -67,7 +67,7 @@ def _ranked_rows(values: xr.DataArray, **at: Any) -> pd.DataFrame:
         {
             **at,
             "quantity": values.name,
-            "unit": _unit(str(values.name)),
+            "unit": unit_of(str(values.name)),
             **interval(values),
             **interval(rank, "rank"),
             "p_lowest": lowest.mean(DRAWN).to_numpy(),
@@ -76,10 +76,6 @@ def _ranked_rows(values: xr.DataArray, **at: Any) -> pd.DataFrame:
             "draws": values.sizes["chain"] * values.sizes["draw"],
         }
     )
-
-
-def _unit(quantity: str) -> str:
-    return UNITS.get(quantity) or DECLARED[quantity].unit
 
 
 def _whole(name: str, parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -178,7 +174,7 @@ def curves_table(contrasts: Contrasts) -> pd.DataFrame:
             draws=outcomes.sizes["chain"] * outcomes.sizes["draw"],
         )
         tables += [
-            at.assign(quantity=str(name), unit=_unit(str(name)), **interval(values))
+            at.assign(quantity=str(name), unit=unit_of(str(name)), **interval(values))
             for name, values in outcomes.items()
         ]
     return _whole("curves", tables)

@@ -64,6 +64,11 @@ def element_attributes() -> dict[str, dict[str, str]]:
     return table
 
 
+def unit_of(name: str) -> str:
+    """The unit of a variable, an outcome, or a parameter of an element."""
+    return (ATTRIBUTES | element_attributes())[name]["unit"]
+
+
 def outcome_column(name: str, which: str = "") -> str:
     """The column of an outcome, its unit in the name: "peak_force_N", "peak_force_low_N", "restitution"."""
     unit = DECLARED[name].unit.replace("/", "_").replace(" ", "_").replace("^", "")
