@@ -22,13 +22,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import jax
 import numpy as np
+import numpyro
 import pandas as pd
 from coverage import campaign
 from evidence import recorded
@@ -38,7 +38,7 @@ from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.model.hierarchy.specification import Sampler, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.model.hierarchy.trace_models import plain_model
+from bayestissue.model.hierarchy.trace_models import TraceData, impacts_model, trace_likelihood
 from bayestissue.model.likelihood.arma.displacements import displacement_record
 from bayestissue.model.likelihood.element.record import DecelerationRecord
 from bayestissue.studies.simulation import simulate
@@ -107,7 +107,12 @@ def blank(kind: str, people: Mapping[str, Sequence[str]] = MappingProxyType({}),
 
 def drawing(base: Prepared) -> Callable[..., Any]:
     """What draws everything from the model top down, compiled."""
-    return jax.jit(partial(Predictive(partial(plain_model, base.model), num_samples=1), conditioned=False))
+
+    def drawn(data: TraceData) -> None:
+        u = impacts_model(base.model, data)
+        numpyro.deterministic("trace", trace_likelihood(base.model, data, u).sample(numpyro.prng_key()))
+
+    return jax.jit(Predictive(drawn, num_samples=1))
 
 
 def ranks_of_one(

@@ -1,9 +1,8 @@
 """The hierarchy over recorded traces: every impact's likelihood under one population of people and trials.
 
-Written twice. `plain_model` says what is believed, top down. `sampled_model` is the same density in
-coordinates made for sampling: b and every impact's parameters are affine maps of standard normals, made by
-`bayestissue.model.hierarchy.gaussian.effects` to undo whatever the data and the standard deviations
-correlate.
+`plain_model` says what is believed, top down, as numpyro's own samplers take it. A fit's chain asks for the
+parts: hyperparameters and their prior at coordinates, the likelihood of each trace, and the closed forms of
+`bayestissue.model.hierarchy.gaussian.effects`.
 """
 
 from __future__ import annotations
@@ -299,13 +298,9 @@ def _grouped(model: Hierarchy) -> list[tuple[dist.Distribution, list[str]]]:
     return together + [(prior, [name]) for name, prior in priors.items() if name not in half_normal]
 
 
-def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True) -> None:
+def plain_model(model: TraceModel, data: TraceData) -> None:
     """The model from the top down: standard deviations, b, each impact's parameters, its trace."""
-    likelihood = trace_likelihood(model, data, impacts_model(model, data))
-    if conditioned:
-        numpyro.factor("trace", likelihood.log_density().sum())
-    else:
-        numpyro.deterministic("trace", likelihood.sample(numpyro.prng_key()))
+    numpyro.factor("trace", log_likelihood(model, data, impacts_model(model, data)).sum())
 
 
 def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
