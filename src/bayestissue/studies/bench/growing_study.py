@@ -73,26 +73,21 @@ class _Posterior:
     """Draws of X b of every level and mass, and of the covariance of an impact about it.
 
     Attributes:
-        people, masses: which slot of the table each has.
-        repeats: slots of each pair.
-        mean: of log K and log C [draw, level x mass, 2].
+        cells: which cell each person has with each mass, hit by it or not.
+        mean: of log K and log C [draw, cell, 2].
         covariance: of an impact about it.
         weight: of each draw.
     """
 
-    people: dict[tuple[str, ...], int]
-    masses: dict[float, int]
-    room: tuple[int, int]
+    cells: dict[tuple[tuple[str, ...], float], int]
     mean: Float[np.ndarray, "draw cell 2"]
     covariance: Float[np.ndarray, "draw 2 2"]
     weight: Float[np.ndarray, " draw"]
 
     def expected(self, cells: Cells) -> Float[np.ndarray, "draw 2"] | None:
         """X b of a drop's person and mass; None of those that the study did not have."""
-        person, mass = self.people.get(level(cells)), self.masses.get(float(cells["mass_kg"]))
-        if person is None or mass is None:
-            return None
-        return self.mean[:, person * self.room[1] + mass]
+        cell = self.cells.get((level(cells), float(cells["mass_kg"])))
+        return None if cell is None else self.mean[:, cell]
 
 
 def level(cells: Cells) -> tuple[str, ...]:
@@ -200,7 +195,9 @@ class GrowingStudy:
         KK, KC, CC = np.asarray(pairs).T
         covariance = np.moveaxis(np.array([[KK, KC], [KC, CC]]), -1, 0)
         mean = np.moveaxis(np.asarray(expected(columns, drawn.b[0])), 0, -1)[:, :: room[2]]
-        return _Posterior(people, masses, (room[0], room[1]), mean, covariance, drawn.weight[0])
+        every = product(people.items(), masses.items())
+        cells = {(person, mass): p * room[1] + m for (person, p), (mass, m) in every}
+        return _Posterior(cells, mean, covariance, drawn.weight[0])
 
     def estimates(self, drop: Drop) -> StudyEstimates | None:
         """What the study so far says of a drop; None without its person and mass, or of a phantom."""
