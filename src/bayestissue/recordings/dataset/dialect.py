@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice, takewhile, zip_longest
+from itertools import dropwhile, islice, zip_longest
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -222,10 +222,9 @@ class _Lines:
 
         Lines above it may hold numbers too, such as the sensitivity of each channel.
         """
-        data = [self.is_data(record) for record in self.records]
-        plain = [whole and self._is_plain(record) for whole, record in zip(data, self.records, strict=True)]
-        data = plain if any(plain) else data
-        return data.index(True) if any(data) else 0
+        data = [at for at, record in enumerate(self.records) if self.is_data(record)]
+        plain = [at for at in data if self._is_plain(self.records[at])]
+        return next(iter([*plain, *data]), 0)
 
     def _is_plain(self, record: _Record) -> bool:
         cells = [record.cells[at].strip() for at in self.number_columns if at < len(record.cells)]
@@ -306,11 +305,10 @@ class _Lines:
         # An empty line of a single column is an empty cell, and in a table with names one may be a row.
         if self.width == 1 or named:
             return above.below
-        below = [record for record in self.records if record.row >= above.below]
+        below = (record for record in self.records if record.row >= above.below)
         data = self.records[self.begin].row
-        said = takewhile(lambda record: record.row < data and self._is_said(record), below)
-        behind = below[len(list(said)) :]
-        return behind[0].row if behind else above.below
+        behind = dropwhile(lambda record: record.row < data and self._is_said(record), below)
+        return next((record.row for record in behind), above.below)
 
     def _is_said(self, record: _Record) -> bool:
         """Whether a line below the names is a remark or a setting, or has further units."""

@@ -26,8 +26,6 @@ from bayestissue.recordings.signal.padded_traces import (
 )
 from bayestissue.recordings.signal.signal_settings import CONTACT, SignalOptions
 
-type LastBelow = Callable[[Column], Index]
-
 
 class QuietPart(NamedTuple):
     """What was recorded before contact while nothing moved, per impact.
@@ -226,7 +224,7 @@ def from_time_zero(recordings: PaddedTraces) -> tuple[Index, Column]:
     return first, np.maximum(recordings.start + recordings.sample_number_of(first) * recordings.dt, 0)
 
 
-def _first_baseline(recordings: PaddedTraces, peak: Column, last_below: LastBelow) -> Column:
+def _first_baseline(recordings: PaddedTraces, peak: Column, last_below: Callable[[Column], Index]) -> Column:
     start, _ = segment_moments(recordings.value, np.minimum(recordings.n, CONTACT.quiet_samples))
     start = np.where(start < CONTACT.quiet_ceiling * peak, start, 0)
     low = last_below(start + 0.2 * (peak - start)) + 1
