@@ -185,13 +185,7 @@ def _is_note(file: str, pattern: Pattern) -> bool:
 
 def _intake_from(recordings: RecorderFolder, choices: Choices, guess: str | None) -> Intake:
     recordings = _without_companions(recordings, choices)
-    facts = gather(
-        recordings,
-        pattern=choices.pattern,
-        table=_table(choices),
-        shared=choices.given,
-        loose=choices.pattern == guess,
-    )
+    facts = gather(recordings, choices, _table(choices), loose=choices.pattern == guess)
     choices, questions = settle(choices, recordings, facts.columns)
     questions += people_twice(choices.pattern, facts)
     return Intake(recordings, choices, facts, tuple(questions), guess if choices.pattern == guess else None)

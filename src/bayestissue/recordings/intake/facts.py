@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
@@ -21,6 +22,9 @@ from bayestissue.recordings.intake.names import (
     fills,
     is_height,
 )
+
+if TYPE_CHECKING:
+    from bayestissue.recordings.intake.choices import Choices
 
 FILE, NUMBER = "file", "number"
 
@@ -48,29 +52,21 @@ class Facts:
     passed_over: tuple[str, ...] = ()
 
 
-def gather(
-    recordings: RecorderFolder,
-    *,
-    pattern: str | None,
-    table: Source | None,
-    shared: dict[str, str],
-    loose: bool = False,
-) -> Facts:
+def gather(recordings: RecorderFolder, choices: Choices, table: Source | None, *, loose: bool) -> Facts:
     """Bring together what names, a table and options say.
 
     Args:
         recordings: the files.
-        pattern: how their names are read; see `Pattern`.
+        choices: how names of files are read, see `Pattern`, and what holds for all recordings.
         table: with a column ``file``, the name of a recording with or without its ending, and a column for
             each fact; with a column ``number`` also, a row for each impact of a recording. Without ``file``
             it is joined by the columns that names have too, such as ``subject``: a row for each person.
-        shared: what holds for all recordings.
         loose: whether nobody said how names are read: what they seem to say must not contradict the rest.
 
     Raises:
         InputError: the pattern or the table can't be used, or a fact is given in two ways.
     """
-    names = Pattern.parse(pattern) if pattern else None
+    shared, names = choices.given, Pattern.parse(choices.pattern) if choices.pattern else None
     fields = names.fields if names else ()
     rows = _FactTable.read(table, fields) if table else _FactTable()
     sources = {"--pattern": fields, "--table": rows.facts, "--set": tuple(shared)}
