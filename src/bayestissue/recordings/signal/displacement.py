@@ -300,6 +300,52 @@ class MotionFromContact:
         until = fraction * (since_contact + self.stop.time) - since_contact
         return np.sum(inside & (self.traces.time_s <= (until + 1e-9 * self.traces.dt)[:, None]), axis=1)
 
+    def windowed(
+        self, options: SignalOptions, flags: dict[Coded, Mask], notes: dict[Coded, Mask], **columns: Any
+    ) -> Displacements:
+        """The motion over the window; ``columns`` are attributes as they are."""
+        part, start, stop, n = self.traces, self.start, self.stop, self.samples_in(options.window)
+        sample = np.arange(part.clipped.shape[1])
+
+        def below_limit(n: Index) -> Index:
+            return ((sample < n[:, None]) & ~part.at_limit).sum(axis=1)
+
+        longer = part.at_limit.any(axis=1) & (below_limit(n) < WINDOW.few_below)
+        slowly = ~longer & (below_limit(n) < FEWEST_SAMPLES) & (options.window == "peak") & stop.reached
+        if (longer | slowly).any():
+            # What the sensor did not see on the way in stands on the way back.
+            n = np.where(longer | slowly, np.maximum(n, self.samples_in("rebound")), n)
+        used = np.arange(int(n.max())) < n[:, None]
+        few = below_limit(n) < FEWEST_SAMPLES
+        drifts = few & flags.get(NO_CONTACT, False)
+        of_samples = (self.x, self.v, part.value, part.clipped)
+        x, v, d, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in of_samples)
+        return Displacements(
+            x=x,
+            v=v,
+            deceleration=d,
+            clipped=clipped,
+            n_samples=n,
+            dt=part.dt,
+            sample_number=part.sample_numbers[:, : used.shape[1]],
+            uneven=part.uneven,
+            mass=part.mass,
+            velocity=part.velocity,
+            gravity=part.gravity,
+            contact_time_s=part.start - start.since_contact,
+            contact_time_sd=start.since_contact_sd,
+            first_sample_s=start.since_contact,
+            bracket_s=start.bracket,
+            bracket_sd=start.bracket_sd,
+            bracket_uniform=start.bracket_uniform,
+            time_to_peak=start.since_contact + stop.time,
+            peak_displacement=stop.x,
+            noise_sd=self.noise_sd,
+            flags=by_impact({**flags, NO_CONTACT: drifts, TOO_FEW: few & ~drifts}, len(n)),
+            notes=by_impact({**notes, Coded.stated("clipped.few"): longer, SLOWLY: slowly & ~few}, len(n)),
+            **columns,
+        )
+
 
 def _integrated(
     recordings: ImpactTraces, options: SignalOptions, rule: Rule, phase: Phase = BETWEEN
@@ -327,8 +373,7 @@ def _integrated(
         Coded.stated("contact-doubtful"): onset.doubtful,
         NO_CONTACT: ~quiet.there & (onset.first >= CONTACT.quiet_samples),
     }
-    signal = _windowed(
-        MotionFromContact(recorded, x, v, start, stop, quiet.noise_sd),
+    signal = MotionFromContact(recorded, x, v, start, stop, quiet.noise_sd).windowed(
         options,
         flags,
         {Coded.stated("no-quiet-part"): ~quiet.there, Coded.stated("uneven-times"): part.uneven},
@@ -388,58 +433,7 @@ def _recorded(recordings: ImpactTraces, options: SignalOptions) -> Displacements
     nothing = {"interval_s": zero, "reach_s": zero, "n_before": none, "n_since_quiet": none}
     nothing |= {"before": rows, "before_s": rows, "blurred": none > 0, "offset_sd": zero * np.nan}
     motion = MotionFromContact(slowing, x, v, start, stop, noise)
-    return _windowed(motion, options, flags, {}, offset=at_contact, **nothing)
-
-
-def _windowed(
-    motion: MotionFromContact,
-    options: SignalOptions,
-    flags: dict[Coded, Mask],
-    notes: dict[Coded, Mask],
-    **columns: Any,
-) -> Displacements:
-    """A motion over the window; ``columns`` are attributes as they are."""
-    part, start, stop, n = motion.traces, motion.start, motion.stop, motion.samples_in(options.window)
-    sample = np.arange(part.clipped.shape[1])
-
-    def below_limit(n: Index) -> Index:
-        return ((sample < n[:, None]) & ~part.at_limit).sum(axis=1)
-
-    longer = part.at_limit.any(axis=1) & (below_limit(n) < WINDOW.few_below)
-    slowly = ~longer & (below_limit(n) < FEWEST_SAMPLES) & (options.window == "peak") & stop.reached
-    if (longer | slowly).any():
-        # What the sensor did not see on the way in stands on the way back.
-        n = np.where(longer | slowly, np.maximum(n, motion.samples_in("rebound")), n)
-    used = np.arange(int(n.max())) < n[:, None]
-    few = below_limit(n) < FEWEST_SAMPLES
-    drifts = few & flags.get(NO_CONTACT, False)
-    of_samples = (motion.x, motion.v, part.value, part.clipped)
-    x, v, d, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in of_samples)
-    return Displacements(
-        x=x,
-        v=v,
-        deceleration=d,
-        clipped=clipped,
-        n_samples=n,
-        dt=part.dt,
-        sample_number=part.sample_numbers[:, : used.shape[1]],
-        uneven=part.uneven,
-        mass=part.mass,
-        velocity=part.velocity,
-        gravity=part.gravity,
-        contact_time_s=part.start - start.since_contact,
-        contact_time_sd=start.since_contact_sd,
-        first_sample_s=start.since_contact,
-        bracket_s=start.bracket,
-        bracket_sd=start.bracket_sd,
-        bracket_uniform=start.bracket_uniform,
-        time_to_peak=start.since_contact + stop.time,
-        peak_displacement=stop.x,
-        noise_sd=motion.noise_sd,
-        flags=by_impact({**flags, NO_CONTACT: drifts, TOO_FEW: few & ~drifts}, len(n)),
-        notes=by_impact({**notes, Coded.stated("clipped.few"): longer, SLOWLY: slowly & ~few}, len(n)),
-        **columns,
-    )
+    return motion.windowed(options, flags, {}, offset=at_contact, **nothing)
 
 
 def _blocks(count: int, longest: int) -> list[slice]:

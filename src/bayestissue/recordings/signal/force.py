@@ -241,7 +241,7 @@ def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements)
 
 def _forces(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
     """The force against mass times deceleration."""
-    beside = _Beside(*_as_comparable(dataset, channel, signal), signal, channel.tip_mass_kg)
+    beside = _Beside(dataset, channel, signal)
     curve, since_contact, inside = beside.curve, beside.since_contact, beside.inside
     matched = beside.matched(since_contact)
     if (lost := matched.whole & (np.abs(matched.lag) > 0.99 * curve.reach[:, 0])).any():
@@ -288,6 +288,8 @@ class _Matched:
 class _Beside:
     """A force and the decelerations beside it, without their zero, whose windows are those of the signal.
 
+    Each went through both low-passes if these differ.
+
     Attributes:
         curve: the force that is expected.
         since_contact: when each sample of the force was [s].
@@ -295,11 +297,15 @@ class _Beside:
         inside: which of them are compared.
     """
 
-    def __init__(
-        self, force: PaddedTraces, slowing: PaddedTraces, signal: Displacements, tip_mass_kg: float
-    ) -> None:
-        self.force, self.slowing, self.signal, self.tip_mass_kg = force, slowing, signal, tip_mass_kg
-        self.curve = _Expected(slowing, signal, tip_mass_kg)
+    def __init__(self, dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> None:
+        force, slowing = stack(*dataset.further), stack(dataset.traces.slowing(dataset.quantity))
+        above = np.where(slowing.inside, slowing.value - signal.offset[:, None], 0.0)
+        slowing = replace(slowing, value=above)
+        if channel.recorder != dataset.recorder:
+            slowing = _passed(slowing, channel.recorder, 0.0)
+            force = _passed(force, dataset.recorder, _first_mean(force, signal.contact_time_s))
+        self.force, self.slowing, self.signal, self.tip_mass_kg = force, slowing, signal, channel.tip_mass_kg
+        self.curve = _Expected(slowing, signal, channel.tip_mass_kg)
         self.since_contact = (force.start - signal.contact_time_s)[:, None] + force.time_s
         self.usable = force.inside & ~force.at_limit
         self.inside = self.usable & self.curve.covers(self.since_contact)
@@ -373,18 +379,6 @@ class _Beside:
                 least[corner] = left(filtered, expected)
         best = min(least, key=lambda corner: least[corner])
         return best if least[best] < _LEFT else 0.0
-
-
-def _as_comparable(
-    dataset: Dataset, channel: ChannelSettings, signal: Displacements
-) -> tuple[PaddedTraces, PaddedTraces]:
-    """The force, and the deceleration without its zero; each through both low-passes if these differ."""
-    force, slowing = stack(*dataset.further), stack(dataset.traces.slowing(dataset.quantity))
-    slowing = replace(slowing, value=np.where(slowing.inside, slowing.value - signal.offset[:, None], 0.0))
-    if channel.recorder != dataset.recorder:
-        slowing = _passed(slowing, channel.recorder, 0.0)
-        force = _passed(force, dataset.recorder, _first_mean(force, signal.contact_time_s))
-    return force, slowing
 
 
 class _Expected:
