@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,14 +21,19 @@ from bayestissue.mechanics.elements import element, impact, outcomes
 from bayestissue.mechanics.elements.element import impactor_share, inertia
 from bayestissue.mechanics.oscillator import impact_motion, spring_damper_inverse
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
-from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
+from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm, grouping_of
 from bayestissue.recordings.dataset import write_dataset
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter, Settings, gravity_m_s2
 from bayestissue.recordings.dataset.impact_table import REFERENCE
 from bayestissue.recordings.dataset.model import Dataset, long_table
 from bayestissue.recordings.dataset.ragged_traces import Traces
 from bayestissue.recordings.signal.filters import decay, on_even_grid
-from bayestissue.studies.simulation.simulation_file import Phantom, RecordedForce, Simulation, Tissue
+from bayestissue.studies.simulation.simulation_file import (
+    Phantom,
+    Simulation,
+    Spreads,
+    Tissue,
+)
 
 # Of the trace table, beside ``value``.
 FORCE_COLUMN = "force_N"
@@ -217,8 +221,7 @@ def _truth(simulation: Simulation, impacts: pd.DataFrame, random: _Streams) -> p
     if recording.contact == "on_sample":
         contact = np.full(count, np.ceil(recording.before_contact_s * rate) / rate)
     size = np.log(mass / tissue.reference_mass_kg)
-    effects = _effects(tissue, impacts, random.tissue)
-    _add_group_terms(tissue, impacts, size, random.groups, effects)
+    effects = _effects(tissue, impacts, size, random)
     stiffness, damping = (
         getattr(tissue, name) * np.exp(getattr(tissue, f"mass_exponent_{name[0]}") * size + effects[name[0]])
         for name in ("K_N_per_m", "C_N_s_per_m")
@@ -245,50 +248,39 @@ def _truth(simulation: Simulation, impacts: pd.DataFrame, random: _Streams) -> p
     return what_is_met(simulation, truth).assign(**columns)
 
 
-def _effects(tissue: Tissue, impacts: pd.DataFrame, random: np.random.Generator) -> dict[str, np.ndarray]:
-    effects: dict[str, np.ndarray] = {"K": np.zeros(len(impacts)), "C": np.zeros(len(impacts))}
-    for level in ("subject", "trial", "impact"):
-        codes, _ = pd.factorize(impacts[level])
-        standard = random.standard_normal((codes.max() + 1, 2)) @ _mixing(tissue).T
-        for column, name in enumerate(("K", "C")):
-            effect = getattr(tissue, f"sd_{level}_{name}") * standard[codes, column]
-            effects[f"{level}_effect_{name}"] = effect
-            effects[name] = effects[name] + effect
-    return effects
-
-
-def _add_group_terms(
-    tissue: Tissue,
-    impacts: pd.DataFrame,
-    log_mass: Float[np.ndarray, " impact"],
-    random: np.random.Generator,
-    effects: dict[str, np.ndarray],
-) -> None:
-    """Add the effects of further group terms, by the names that a posterior gives them.
+def _effects(
+    tissue: Tissue, impacts: pd.DataFrame, log_mass: Float[np.ndarray, " impact"], random: _Streams
+) -> dict[str, np.ndarray]:
+    """The effects of each group term, by the names that a posterior gives them, and their sums by parameter.
 
     Of a slope the truth has the level's own coefficient, the population's included.
     """
-    for term, spread in tissue.spreads().items():
-        code = grouping_of(impacts, term.factors).code
-        if term.slope == MASS_TERM:
-            covariate = log_mass
-        elif term.slope:
-            covariate = impacts[term.slope].to_numpy() - impacts[term.slope].mean()
-        else:
-            covariate = np.ones(len(impacts))
-        standard = random.standard_normal((code.max() + 1, 2)) @ _mixing(tissue).T
-        term_effects = {"K": spread.K * standard[code, 0], "C": spread.C * standard[code, 1]}
-        for name, sd in spread.__pydantic_extra__.items():
-            term_effects[name] = sd * random.standard_normal(code.max() + 1)[code]
-        for name, effect in term_effects.items():
-            effects[name] = effects.get(name, 0.0) + effect * covariate
-            shared = getattr(tissue, f"mass_exponent_{name}", 0.0) if term.slope == MASS_TERM else 0.0
-            column = term.coefficient(name) if term.slope else term.effect(name)
-            effects[column] = effects.get(column, 0.0) + effect + shared
-
-
-def _mixing(tissue: Tissue) -> Float[np.ndarray, "2 2"]:
-    return np.array([[1, 0], [tissue.correlation, np.sqrt(1 - tissue.correlation**2)]])
+    effects: dict[str, np.ndarray] = {"K": np.zeros(len(impacts)), "C": np.zeros(len(impacts))}
+    mixing = np.array([[1, 0], [tissue.correlation, np.sqrt(1 - tissue.correlation**2)]])
+    levels = {
+        GroupTerm((level,)): Spreads(**{name: getattr(tissue, f"sd_{level}_{name}") for name in ("K", "C")})
+        for level in ("subject", "trial", "impact")
+    }
+    # A file has a 0 with its sign: that of a level stays, since it is added to the negative one.
+    for terms, stream, zero in ((levels, random.tissue, -0.0), (tissue.spreads(), random.groups, 0.0)):
+        for term, spread in terms.items():
+            code = grouping_of(impacts, term.factors).code
+            if term.slope == MASS_TERM:
+                covariate = log_mass
+            elif term.slope:
+                covariate = impacts[term.slope].to_numpy() - impacts[term.slope].mean()
+            else:
+                covariate = np.ones(len(impacts))
+            standard = stream.standard_normal((code.max() + 1, 2)) @ mixing.T
+            term_effects = {"K": spread.K * standard[code, 0], "C": spread.C * standard[code, 1]}
+            for name, sd in spread.__pydantic_extra__.items():
+                term_effects[name] = sd * stream.standard_normal(code.max() + 1)[code]
+            for name, effect in term_effects.items():
+                effects[name] = effects.get(name, 0.0) + effect * covariate
+                shared = getattr(tissue, f"mass_exponent_{name}", 0.0) if term.slope == MASS_TERM else zero
+                column = term.variable(name)
+                effects[column] = effects.get(column, zero) + effect + shared
+    return effects
 
 
 def what_is_met(simulation: Simulation, truth: pd.DataFrame) -> pd.DataFrame:
@@ -435,7 +427,7 @@ class _Chain(NamedTuple):
             grid: of the motion.
         """
         exact = grid.passed(self.sensed(truth, moved), self.recorder)
-        noise = grid.noise(self.recorder, recorded, self.random)
+        noise = grid.noise(self, recorded)
         gain, offset = (truth[name].to_numpy()[:, None] for name in (self.gain, self.offset))
         sd = np.hypot(self.noise_sd[0], self.noise_sd[1] * exact.max(axis=1, keepdims=True))
         value = (gain * exact + offset)[recorded] + np.repeat(sd[:, 0], recorded.sum(axis=1)) * noise
@@ -455,7 +447,13 @@ def _chains(simulation: Simulation, random: _Streams) -> Iterator[_Chain]:
     yield _Chain(lambda _, moved: moved, simulation.recorder, *columns, noise, random.noise, *limits)
     if force is not None:
         noise, columns = (force.noise_sd_N, force.noise_relative_to_peak), ("force_gain", "force_offset_N")
-        sensed = partial(_force, simulation, force)
+
+        def sensed(truth: pd.DataFrame, moved: np.ndarray) -> np.ndarray:
+            """The tissue's force below it, or at the impactor (M - m) d [N]."""
+            if force.place == "base":
+                return tissue_force(simulation.tissue.element, truth, moved, gravity_m_s2(simulation.gravity))
+            return (truth["mass_kg"].to_numpy()[:, None] - force.tip_mass_kg) * moved
+
         yield _Chain(sensed, force.recorder, *columns, noise, random.forces, force.limit_N)
 
 
@@ -501,12 +499,10 @@ class _Grid(NamedTuple):
         return passed[:, self.ring * finer : -self.ring * finer or None : finer]
 
     def noise(
-        self,
-        recorder: LowPassFilter | None,
-        recorded: Bool[np.ndarray, "impact sample"],
-        random: np.random.Generator,
+        self, chain: _Chain, recorded: Bool[np.ndarray, "impact sample"]
     ) -> Float[np.ndarray, " recorded"]:
         """Noise of variance 1 at the samples that are recorded, one impact's after another's."""
+        recorder, random = chain.recorder, chain.random
         if recorder is None or recorder.noise != "before":
             return random.standard_normal(recorded.sum())
         # White before the filter, at the samples or finer.
@@ -518,18 +514,6 @@ class _Grid(NamedTuple):
         white = random.standard_normal((len(recorded), recorded.shape[1] * finer + 2 * ring))
         filtered = on_even_grid(white, rate, recorder) / size
         return filtered[:, ring : -ring or None : finer][recorded]
-
-
-def _force(
-    simulation: Simulation,
-    force: RecordedForce,
-    truth: pd.DataFrame,
-    motion: Float[np.ndarray, "impact step"],
-) -> Float[np.ndarray, "impact step"]:
-    """What the sensor feels [N]: the tissue's force below it, or at the impactor (M - m) d."""
-    if force.place == "base":
-        return tissue_force(simulation.tissue.element, truth, motion, gravity_m_s2(simulation.gravity))
-    return (truth["mass_kg"].to_numpy()[:, None] - force.tip_mass_kg) * motion
 
 
 def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> None:
