@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
@@ -17,7 +17,7 @@ import typer
 
 from bayestissue.base import runtime
 from bayestissue.base.declarations import described
-from bayestissue.base.results.output_folder import OutputFolder, claim_if
+from bayestissue.base.results.output_folder import OutputFolder, claim
 
 if TYPE_CHECKING:
     from bayestissue.base.result import Result
@@ -169,9 +169,8 @@ def delivers(
                 call.out = made(given)
             values = [given[name] for name in inputs]
             paths = [path for value in values for path in (value if isinstance(value, list) else [value])]
-            with claim_if(
-                call.out, overwrite=call.overwrite, command=function.__name__, inputs=paths
-            ) as call.target:
+            how: dict[str, Any] = {"overwrite": call.overwrite, "command": function.__name__, "inputs": paths}
+            with nullcontext() if call.out is None else claim(call.out, **how) as call.target:
                 runtime.configure()
                 with call.blocks:
                     result = function(**given, call=call)

@@ -7,7 +7,7 @@ import os
 import platform
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -99,15 +99,6 @@ class OutputFolder:
                 discard(parts)
             raise
         discard(parts)
-
-
-def claim_if(
-    out: Path | None, *, overwrite: bool, command: str, inputs: Sequence[str | Path | None]
-) -> AbstractContextManager[OutputFolder | None]:
-    """`claim` of a folder that a command may do without; None where there is none."""
-    if out is None:
-        return nullcontext()
-    return claim(out, overwrite=overwrite, command=command, inputs=inputs)
 
 
 @contextmanager
