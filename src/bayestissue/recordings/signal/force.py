@@ -194,11 +194,8 @@ def force_beside(dataset: Dataset, signal: Displacements) -> Force | None:
     if not dataset.channels:
         return None
     (channel,) = dataset.channels
-    return (
-        _impulses(dataset, channel, signal)
-        if dataset.quantity == "displacement"
-        else _forces(dataset, channel, signal)
-    )
+    compared = _impulses if dataset.quantity == "displacement" else _forces
+    return compared(dataset, channel, signal)
 
 
 def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
