@@ -189,15 +189,11 @@ def checked[Schema: BaseModel](
 
 def _causes(details: Sequence[Any]) -> list[Any]:
     """Without what only follows: a list whose tables are all wrong counts as one that is too short."""
-    locations = [detail["loc"] for detail in details]
-    return [
-        detail
-        for detail, location in zip(details, locations, strict=True)
-        if detail["type"] != "too_short"
-        or not any(
-            len(longer) > len(location) and longer[: len(location)] == location for longer in locations
-        )
-    ]
+
+    def has_others(location: tuple[str | int, ...]) -> bool:
+        return any(location == one["loc"][: len(location)] != one["loc"] for one in details)
+
+    return [detail for detail in details if detail["type"] != "too_short" or not has_others(detail["loc"])]
 
 
 def _merged(problems: list[Problem]) -> list[Problem]:

@@ -28,18 +28,8 @@ def write_tree(tree: Any, path: Path) -> None:
     Raises:
         OSError: it can't be written, the disk being full, say.
     """
-    # HDF5 has been seen to end the process by a segmentation fault where the disk is full.
-    require_room(path, int(_MARGIN * tree.nbytes) + _OVERHEAD)
-    try:
-        tree.to_netcdf(path, engine="h5netcdf", encoding=_packing(tree))
-    except RuntimeError as error:
-        # What HDF5 raises where it notices on closing.
-        raise OSError(errno.EIO, f"can't be written: {error}", str(path)) from error
-
-
-def _packing(tree: Any) -> dict[str, dict[str, dict[str, Any]]]:
-    """How variables are compressed: double precision is little smaller so, and takes twice as long."""
-    return {
+    # Single precision alone: double precision is little smaller when packed, and takes twice as long.
+    packing = {
         group.path: {
             name: {"compression": "gzip", "compression_opts": 1, "shuffle": True}
             for name, variable in group.data_vars.items()
@@ -47,6 +37,13 @@ def _packing(tree: Any) -> dict[str, dict[str, dict[str, Any]]]:
         }
         for group in tree.subtree
     }
+    # HDF5 has been seen to end the process by a segmentation fault where the disk is full.
+    require_room(path, int(_MARGIN * tree.nbytes) + _OVERHEAD)
+    try:
+        tree.to_netcdf(path, engine="h5netcdf", encoding=packing)
+    except RuntimeError as error:
+        # What HDF5 raises where it notices on closing.
+        raise OSError(errno.EIO, f"can't be written: {error}", str(path)) from error
 
 
 def require_room(path: Path, size: int) -> None:
