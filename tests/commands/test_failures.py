@@ -201,7 +201,7 @@ def test_a_cache_that_cannot_be_made_is_done_without(tmp_path: Path) -> None:
     """A file stands where the folder of compiled functions should be."""
     (tmp_path / "file").write_text("")
     program = (
-        "from bayestissue import runtime\nruntime.keep_compiled()\nruntime.configure()\n"
+        "from bayestissue.base import runtime\nruntime.keep_compiled()\nruntime.configure()\n"
         "import jax, jax.numpy as jnp\n"
         "print(jax.jit(lambda x: 2 * x)(jnp.ones(3)).sum(), jax.config.jax_compilation_cache_dir)\n"
     )

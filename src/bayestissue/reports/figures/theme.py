@@ -161,8 +161,8 @@ def scale_over(values: Iterable[float]) -> Specification:
     """A scale that suits ``values``: logarithmic where they are positive and differ by a factor of three."""
     known = [float(value) for value in values if pd.notna(value)]
     if known and min(known) > 0 and max(known) > LOOK.many_fold * min(known):
-        return {"type": "log", "nice": False}
-    return {"type": "linear", "zero": False}
+        return {"type": "log", "nice": False, "padding": 6}
+    return {"type": "linear", "zero": False, "padding": 6}
 
 
 def tooltips(rows: pd.DataFrame, **titles: str) -> list[Specification]:

@@ -71,7 +71,8 @@ const bayestissue = (() => {
   const views = new Map(), listeners = [];
   const draw = figure => once(figure, async () => {
     const place = figure.querySelector(".drawing");
-    const [all] = await Promise.all([figures(), library()]), spec = all[figure.id];
+    // Two figures may show the same, and each changes what it draws.
+    const [all] = await Promise.all([figures(), library()]), spec = structuredClone(all[figure.id]);
     for (const [name, table] of Object.entries(spec.datasets)) spec.datasets[name] = rowsOf(table);
     // As wide as the page leaves room, and no wider than the figure is meant to be by much.
     // What is hidden has no width yet: it gets that of what holds it.
