@@ -51,6 +51,8 @@ for state in ("as it was", "on"):
     }
     table = bt.estimate(bt.read_dataset(sys.argv[1]))
     told["estimates"] = table.to_csv(index=False)
+    plan = bt.plan(people=[6], masses_kg=[0.5, 1.0], ask={"sure": "mass_exponent_K < 0.5"}, studies=100)
+    told["plan"] = plan.designs.drop(columns="minutes", errors="ignore").to_csv(index=False)
     told["after"] = jax.config.jax_enable_x64
     found[state] = told
 print(json.dumps(found))
@@ -94,6 +96,10 @@ def from_the_command(some_impacts: Path, tmp_path_factory: pytest.TempPathFactor
         with pytest.raises(SystemExit, match="0"):
             cli.main()
     return read(out / "estimates.csv")
+
+
+def test_a_plan_is_computed_in_float64_whatever_the_callers_setting(in_a_fresh_interpreter) -> None:
+    assert in_a_fresh_interpreter["as it was"]["plan"] == in_a_fresh_interpreter["on"]["plan"]
 
 
 @pytest.mark.parametrize("state", ["as it was", "on"])

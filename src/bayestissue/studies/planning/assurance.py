@@ -20,7 +20,7 @@ import xarray as xr
 from jaxtyping import Bool, Float
 
 from bayestissue.base.result import Say
-from bayestissue.base.runtime import cores
+from bayestissue.base.runtime import cores, in_float64
 from bayestissue.inference.answers.grammar import Node, parse
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.meaning import draws_of, quantities
@@ -207,6 +207,8 @@ class Planner:
             for number in range(designs)
         ]
 
+    # What a thread computes in is not what the one that began it does.
+    @in_float64
     def _block(
         self, arrangement: Arrangement, block: int, goals: Sequence[Goal], probability: float
     ) -> list[list[Assessment]]:
