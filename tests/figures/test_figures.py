@@ -103,8 +103,8 @@ def test_names_from_the_data_are_text() -> None:
 
 
 def test_a_scale_is_logarithmic_where_values_are_far_apart() -> None:
-    assert scale_over([1.0, 10.0])["type"] == "log"
-    assert scale_over([1.0, 2.0, np.nan])["type"] == "linear"
+    assert scale_over([1.0, 11.0])["type"] == "log"
+    assert scale_over([1.0, 9.0, np.nan])["type"] == "linear"
     assert scale_over([-1.0, 10.0])["type"] == "linear"
 
 

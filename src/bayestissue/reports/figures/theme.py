@@ -64,7 +64,7 @@ class Look:
         chosen: that of the chosen impact.
     """
 
-    many_fold: float = 3.0
+    many_fold: float = 10.0
     long: int = 30
     point: int = 36
     in_order: int = 14
@@ -158,7 +158,7 @@ def where(test: str, then: Any, otherwise: Any) -> Specification:
 
 
 def scale_over(values: Iterable[float]) -> Specification:
-    """A scale that suits ``values``: logarithmic where they are positive and differ by a factor of three."""
+    """A scale that suits ``values``: logarithmic where they are positive and differ by a factor of ten."""
     known = [float(value) for value in values if pd.notna(value)]
     if known and min(known) > 0 and max(known) > LOOK.many_fold * min(known):
         return {"type": "log", "nice": False, "padding": 6}
