@@ -26,6 +26,8 @@ SHORT = "length(datum.label) > 28 ? slice(datum.label, 0, 13) + '…' + slice(da
 _CONFIG: dict[str, Any] = {
     "font": _FONT,
     "background": "white",
+    # A label at the end of an axis reaches beyond it.
+    "padding": {"left": 4, "top": 5, "right": 16, "bottom": 5},
     "view": {"stroke": None},
     # A label stands at its tick, at the ends too.
     "axisQuantitative": {"labelFlush": False},

@@ -95,6 +95,15 @@ def level_of(run: FitRun, quantity: str) -> Levels:
     return levels(run)[QUANTITIES.index(quantity)]
 
 
+def of_each_level(run: FitRun, quantity: str) -> str:
+    """K (or C) of each pad that one tower hits, or the like, whose mean is nobody's; empty of other runs."""
+    rows = run.levels[run.levels["quantity"] == quantity]
+    if run.people_count > 1 or run.element_alone or rows.empty:
+        return ""
+    leading = rows[rows["factor"] == rows["factor"].iloc[0]]
+    return ", ".join(f"{one.level} {significant(one.median)}" for one in leading.itertuples())
+
+
 def only_impact(run: FitRun, quantity: str) -> Spread:
     """K (or C) of the impact of a run that has one."""
     ends = ["median", "eti90_low", "eti90_high"]
@@ -118,7 +127,8 @@ def who_sentence(run: FitRun, quantity: str) -> str:
     for contrast in first_contrasts(run):
         if level.quantity in contrast["rows"]:
             near = percent(equivalence(run))
-            return worded("fit", "who_differs", level, words, contrast, near, (SURE, shaded))
+            new = not level.these and not of_each_level(run, quantity)
+            return worded("fit", "who_differs", level, words, contrast, near, (SURE, new, shaded))
     return worded("fit", "who", level, words, shaded)
 
 

@@ -68,7 +68,8 @@ def who(run: FitRun, quantity: str = "K") -> Figure:
     """
     level, typical = answers.level_of(run, quantity), answers.person_words(run)["typical"]
     drawn = run.draws(TOGETHER) if level.these else typical_draws(run, quantity)
-    parts = [quantiles(drawn[:, None], ["these impacts" if level.these else typical])]
+    by_level = bool(answers.of_each_level(run, quantity))
+    parts = [] if by_level else [quantiles(drawn[:, None], ["these impacts" if level.these else typical])]
     for dimension, variable in answers.compared(run, quantity):
         draws, labels = run.draws(variable), run.labels(dimension)
         if dimension == "subject":
@@ -83,8 +84,8 @@ def who(run: FitRun, quantity: str = "K") -> Figure:
         rows.fillna({"rank": ""}) if "rank" in rows else rows,
         axis_title(quantity, run.names),
         said("figures.who", name=run.names[quantity]),
-        lines=() if alone else (level.typical.median,),
-        band=None if alone or level.these else (level.new.low, level.new.high),
+        lines=() if alone or by_level else (level.typical.median,),
+        band=None if alone or by_level or level.these else (level.new.low, level.new.high),
     )
     return replace(figure, chart=figure.chart | {"height": min(figure.chart["height"], HEIGHT)})
 
