@@ -173,7 +173,7 @@ def next_by_plan(running: Running, draws: xr.Dataset, order: list[str], model: M
         running=running,
     )
     assessed = ready.assess([Goal("question", QUESTION)], range(1), probability=SURE)
-    bits = [of_design[0].undecided_bits for of_design in assessed]
+    bits = [of_design[0].numbers()["undecided_bits"] for of_design in assessed]
     return candidates[int(np.argmin(bits))].trial
 
 

@@ -108,7 +108,7 @@ def test_a_killed_run_leaves_no_result(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_terminated_run_clears_its_staging_away(tmp_path: Path) -> None:
     assert stopped(tmp_path, signal.SIGTERM) == 130
     assert list(tmp_path.iterdir()) == []

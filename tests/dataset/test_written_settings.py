@@ -98,7 +98,7 @@ def is_read_back(content: dict[str, Any]) -> None:
 FEW = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 MANY = settings(max_examples=4000, deadline=None, suppress_health_check=list(HealthCheck))
 test_what_is_stated_is_read_back = FEW(given(drawn_settings())(is_read_back))
-test_what_is_stated_is_read_back_of_many = pytest.mark.slow(MANY(given(drawn_settings())(is_read_back)))
+test_what_is_stated_is_read_back_of_many = pytest.mark.long(MANY(given(drawn_settings())(is_read_back)))
 
 
 def dataset_is_read_back(content: dict[str, Any]) -> None:
@@ -124,7 +124,7 @@ def dataset_is_read_back(content: dict[str, Any]) -> None:
 
 
 test_a_dataset_is_read_back = settings(FEW, max_examples=10)(given(drawn_settings())(dataset_is_read_back))
-test_a_dataset_is_read_back_of_many = pytest.mark.slow(
+test_a_dataset_is_read_back_of_many = pytest.mark.long(
     settings(MANY, max_examples=1000)(given(drawn_settings())(dataset_is_read_back))
 )
 

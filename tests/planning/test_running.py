@@ -108,7 +108,7 @@ def test_further_people_tell_more(begun: Begun) -> None:
     goals = [Goal("claim", "mass_exponent_K > 0.2"), Goal("width", "mass_exponent_K", width=0.1)]
     now, later = begun.planner.assess(goals, range(3))
     assert later[1].width.mean() < 0.8 * now[1].width.mean()
-    assert later[0].undecided_bits < now[0].undecided_bits
+    assert later[0].numbers()["undecided_bits"] < now[0].numbers()["undecided_bits"]
     # What is going to be said is, on average, what is said now: probabilities are a martingale.
     error = later[0].p.std() / np.sqrt(later[0].studies)
     assert abs(later[0].p.mean() - now[0].p.mean()) < 3 * error + 0.02

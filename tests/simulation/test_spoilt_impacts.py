@@ -76,13 +76,14 @@ def test_estimate_leaves_sound_recordings_cropped_at_contact_alone(pool):
     assert (table["flags"] != "").sum() <= binom.ppf(1 - CHANCE, SOUND, 0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nine_in_ten_spoilt_recordings_that_move_K_or_C_are_found(spoilt):
     off = spoilt["off"] > 0.05
     assert off.sum() > 150
     assert (off & (spoilt["flags"] != "")).sum() >= binom.ppf(CHANCE, off.sum(), 0.9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "flag"),
     [
@@ -105,6 +106,7 @@ def test_a_spoilt_recording_is_called_by_its_name(spoilt, kind, flag):
     assert named >= binom.ppf(CHANCE, len(mine), 0.75)
 
 
+@pytest.mark.long
 def test_late_recordings_that_move_K_or_C_are_flagged_or_noted(spoilt):
     late = spoilt[spoilt["kind"].str.startswith("begins") & (spoilt["off"] > 0.05)]
     silent = (late["flags"] == "") & ~late["noted"]

@@ -66,7 +66,7 @@ def watch(
     folder = out or default_out(recordings)
     with locked_folder(folder, (recordings, campaign, plan)):
         watching = Watch(recordings, read, Drops(folder, read), order, say)
-        say(f"{len(watching.drops.all)} drops so far in {folder}; getting ready, some seconds ...")
+        say(f"{len(watching.drops.drops)} drops so far in {folder}; getting ready, some seconds ...")
         watching.warm_up()
         say(f"ready: watching {recordings}")
         if once:

@@ -154,7 +154,12 @@ def test_the_control_chart_goes_session_by_session() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("damping", "factor", "gain"), [(10.0, FACTOR, 1.0), (10.0, 1.0, GAIN), (35.0, 1.0, GAIN)]
+    ("damping", "factor", "gain"),
+    [
+        (10.0, FACTOR, 1.0),
+        pytest.param(10.0, 1.0, GAIN, marks=pytest.mark.long),
+        pytest.param(35.0, 1.0, GAIN, marks=pytest.mark.long),
+    ],
 )
 def test_people_are_put_right_by_a_spring(damping: float, factor: float, gain: float) -> None:
     dataset, truth = with_phantom(damping, factor, gain)
