@@ -25,7 +25,8 @@ BOTTOMS = f"{SHOWN}.map(place => place.querySelector('.marks').getBoundingClient
 WORDS = "header *, .first :is(h2, p, label, legend, figcaption, summary)"
 CUT = """[...document.querySelectorAll('.first svg.marks')].filter(svg => svg.clientWidth).flatMap(svg => {
   const whole = svg.getBoundingClientRect();
-  return [...svg.querySelectorAll('text')].map(text => text.getBoundingClientRect()).flatMap(box =>
+  const seen = [...svg.querySelectorAll('text:not([opacity="0"])')];
+  return seen.map(text => text.getBoundingClientRect()).flatMap(box =>
     [whole.left - box.left, box.right - whole.right, whole.top - box.top, box.bottom - whole.bottom]);
 }).concat([...document.querySelectorAll('WORDS')].filter(one => one.clientWidth).flatMap(one =>
   [one.getBoundingClientRect().right - innerWidth, one.scrollWidth - one.clientWidth - 1]))"""

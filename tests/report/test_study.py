@@ -85,7 +85,7 @@ def test_columns_in_no_formula_lead_the_first_screen_as_questions(tmp_path) -> N
     path.write_text(json.dumps(record | {"columns_not_used": [pad]}), encoding="utf-8")
     html = write_report(folder).read_text(encoding="utf-8")
     first = plain(html[html.index('class="first"') : html.index("<nav")])
-    assert "What varies and is in no formula? pad pad varies" in first
+    assert "Varies, and is in no formula: pad pad varies" in first
     assert first.index("pad varies") < first.index("what differs by side")
     asked = "pad varies (4 levels) and is not in the formula: does K differ by pad? --K"
     assert f"{asked} &#34;{pad['formula']}&#34;" in first

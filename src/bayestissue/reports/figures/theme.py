@@ -27,7 +27,7 @@ _CONFIG: dict[str, Any] = {
     "font": _FONT,
     "background": "white",
     # A label at the end of an axis reaches beyond it.
-    "padding": {"left": 4, "top": 5, "right": 16, "bottom": 5},
+    "padding": {"left": 4, "top": 5, "right": 26, "bottom": 5},
     "view": {"stroke": None},
     # A label stands at its tick, at the ends too.
     "axisQuantitative": {"labelFlush": False},

@@ -101,7 +101,8 @@ def of_each_level(run: FitRun, quantity: str) -> str:
     if run.people_count > 1 or run.element_alone or rows.empty:
         return ""
     leading = rows[rows["factor"] == rows["factor"].iloc[0]]
-    return ", ".join(f"{one.level} {significant(one.median)}" for one in leading.itertuples())
+    shown = (f"{one.level}\N{NO-BREAK SPACE}{significant(one.median)}" for one in leading.itertuples())
+    return ", ".join(shown)
 
 
 def only_impact(run: FitRun, quantity: str) -> Spread:

@@ -82,7 +82,7 @@ const bayestissue = (() => {
     // On a narrow screen fewer names stand beside each other, and both pictures of the first screen are in sight.
     if (room < 420) {
       spec.config.legend.columns = 2;
-      if (figure.closest(".pictures")) { spec.height = Math.min(spec.height, 148); spec.config.axis.labelSeparation = 0; }
+      if (figure.closest(".pictures")) { spec.height = spec.height < 300 ? Math.max(0.6 * spec.height, 40) : 122; spec.config.axis.labelSeparation = 0; }
     }
     if (spec.facet) { spec.columns = Math.min(spec.columns, Math.max(Math.floor(room / 220), 1)); spec.spec.width = (room - 60) / spec.columns - (spec.resolve.scale.y ? 65 : 25); }
     else if (spec.vconcat) spec.vconcat.forEach(part => { part.width = Math.min(room, 900) - 92; });
