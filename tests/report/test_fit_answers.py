@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
@@ -204,3 +207,19 @@ def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):
     assert "a smooth force" not in words.likelihood_words(plain)
     assert words.coverage_table(plain) is not None
     assert words.coverage_table(wider) is None
+
+
+def test_where_one_tower_hits_several_pads_each_has_its_k_and_how_sure_it_is() -> None:
+    levels = pd.DataFrame(
+        {"factor": ["pad", "pad", "height"], "level": ["A", "B", "20"], "quantity": "K"}
+        | {"median": [30_000.0, 60_000.0, 42_000.0], "low": [29_900.0, 57_000.0, 1.0]}
+        | {"high": [30_100.0, 63_000.0, 9.0]}
+    )
+    tower = SimpleNamespace(levels=levels, people_count=1, element_alone=False)
+    values, sureness = answers.of_each_level(tower, "K")
+    assert values == "A\N{NO-BREAK SPACE}30000, B\N{NO-BREAK SPACE}60000"
+    # Half the interval of the least sure pad: (63 / 57)^1/2 - 1.
+    assert sureness.startswith("±5.1")
+    assert answers.of_each_level(tower, "C") == ()
+    # A typical one of several people is somebody.
+    assert answers.of_each_level(SimpleNamespace(**vars(tower) | {"people_count": 2}), "K") == ()

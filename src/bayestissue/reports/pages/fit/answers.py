@@ -95,14 +95,17 @@ def level_of(run: FitRun, quantity: str) -> Levels:
     return levels(run)[QUANTITIES.index(quantity)]
 
 
-def of_each_level(run: FitRun, quantity: str) -> str:
-    """K (or C) of each pad that one tower hits, or the like, whose mean is nobody's; empty of other runs."""
+def of_each_level(run: FitRun, quantity: str) -> tuple[str, ...]:
+    """K (or C) of each pad that one tower hits, or the like, and how sure they are at least; else nothing.
+
+    Their mean is nobody's.
+    """
     rows = run.levels[run.levels["quantity"] == quantity]
     if run.people_count > 1 or run.element_alone or rows.empty:
-        return ""
+        return ()
     leading = rows[rows["factor"] == rows["factor"].iloc[0]]
     shown = (f"{one.level}\N{NO-BREAK SPACE}{significant(one.median)}" for one in leading.itertuples())
-    return ", ".join(shown)
+    return ", ".join(shown), relative(float(np.sqrt((leading["high"] / leading["low"]).max()) - 1))
 
 
 def only_impact(run: FitRun, quantity: str) -> Spread:
