@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -68,14 +67,11 @@ class Chains:
     def next(self, tuning: Any, gain: float) -> list[Segment]:
         """The next segment of every chain, each in a thread, as many at once as there are cores."""
         chains = range(len(self.keys))
-        with ThreadPoolExecutor(runtime.cores()) as pool:
-            segments = list(pool.map(lambda chain: self._segment(chain, tuning, gain), chains))
+        segments = list(runtime.in_threads(lambda chain: self._segment(chain, tuning, gain), chains))
         self.carried = [segment.carried for segment in segments]
         self.number += 1
         return segments
 
-    # What a thread computes in is not what the one that began it does.
-    @runtime.in_float64
     def _segment(self, chain: int, tuning: Any, gain: float) -> Segment:
         path = self.checkpoints and self.checkpoints / f"chain-{chain}-segment-{self.number:04d}.npz"
         key = jax.random.fold_in(self.keys[chain], self.number)

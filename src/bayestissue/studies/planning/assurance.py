@@ -9,7 +9,6 @@ is the share of studies that are answered (O'Hagan and Stevens 2001, doi:10.1177
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -20,7 +19,7 @@ import xarray as xr
 from jaxtyping import Bool, Float
 
 from bayestissue.base.result import Say
-from bayestissue.base.runtime import cores, in_float64
+from bayestissue.base.runtime import in_threads
 from bayestissue.inference.answers.grammar import Node, parse
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.meaning import draws_of, quantities
@@ -190,15 +189,13 @@ class Planner:
         done, total = 0, designs * len(blocks)
         tables: dict[tuple[int, int], list[pd.DataFrame]] = {}
         progress("assessing designs", 0, total)
-        # What is compiled leaves Python's lock to others.
-        with ThreadPoolExecutor(cores()) as pool:
-            futures = (pool.submit(self._block, *item, goals, probability) for item in work)
-            for (arrangement, _), future in zip(work, list(futures), strict=True):
-                for number, assessed in zip(arrangement.numbers, future.result(), strict=True):
-                    for goal, one in enumerate(assessed):
-                        tables.setdefault((number, goal), []).append(one.table())
-                    done += 1
-                progress("assessing designs", done, total)
+        blocks_of = in_threads(lambda item: self._block(*item, goals, probability), work)
+        for (arrangement, _), by_design in zip(work, blocks_of, strict=True):
+            for number, assessed in zip(arrangement.numbers, by_design, strict=True):
+                for goal, one in enumerate(assessed):
+                    tables.setdefault((number, goal), []).append(one.table())
+                done += 1
+            progress("assessing designs", done, total)
         return [
             [
                 Assessment.from_table(goal, probability, pd.concat(tables[number, position]))
@@ -207,8 +204,6 @@ class Planner:
             for number in range(designs)
         ]
 
-    # What a thread computes in is not what the one that began it does.
-    @in_float64
     def _block(
         self, arrangement: Arrangement, block: int, goals: Sequence[Goal], probability: float
     ) -> list[list[Assessment]]:
