@@ -77,11 +77,7 @@ def outcome_column(name: str, which: str = "") -> str:
 
 def design_attributes(design: Design) -> dict[str, dict[str, str]]:
     """Unit and meaning of what a design has besides the effects of subject and trial on K and C."""
-    extra = {parameter.name: parameter for name in element_names() for parameter in element(name).extra}
-    words_of = {
-        q: {"q": q, "name": NAMES.get(q, q), "unit": UNITS[q] if q in UNITS else extra[q].unit}
-        for q in design.responses
-    }
+    words_of = {q: {"q": q, "name": NAMES.get(q, q), "unit": unit_of(q)} for q in design.responses}
     table: dict[str, dict[str, str]] = {}
     for name in design.groupings:
         table |= _worded("design.grouping", stem=stem_of(name), grouping=name)
