@@ -188,7 +188,7 @@ def severities(run: PublishedRun) -> str:
 
 def findings(run: PublishedRun) -> list[dict[str, Any]]:
     """Every finding of the audit, worst first: the columns of `audit.csv`, a coloured tag and an anchor."""
-    rows = cast("list[dict[str, Any]]", run.audit.to_dict("records"))
+    rows = cast("list[dict[str, Any]]", run.audit.replace("ω_n", "ωₙ", regex=True).to_dict("records"))
     for position, row in enumerate(rows, start=1):
         severity = row["severity"]
         row["anchor"] = f"finding-{position}"

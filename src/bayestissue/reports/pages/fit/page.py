@@ -54,13 +54,13 @@ def page_of(run: FitRun, **served: Any) -> str:
     model, one_alone = record.get("model", {}), [ONE_IMPACT] * (len(run.impacts) == 1)
     untried = untried_words(record.get("columns_not_used", []))
     terms_left_out = left_out_words(record.get("terms_left_out", []))
-    # Of the first screen's warnings, the verdict's first.
-    codes = [*warned_codes(run.diagnostics), *codes_of([*untried, terms_left_out, *one_alone])]
+    # Of the first screen's warnings, the verdict's first; columns in no formula have a note there.
+    first_codes = [*warned_codes(run.diagnostics), *codes_of([terms_left_out, *one_alone])]
     return render_page(
         "fit.html",
         nouns=run.nouns,
-        first_codes=codes,
-        codes=[*codes, *codes_of([prior_remark])],
+        first_codes=first_codes,
+        codes=[*first_codes, *codes_of([*untried, prior_remark])],
         run=run,
         record=record,
         model=model,
