@@ -29,7 +29,8 @@ _requested = threading.Event()
 def on_request() -> None:
     """From now on, until `done`, Ctrl-C and a polite kill raise a KeyboardInterrupt, and the second ends all.
 
-    A compiled call lets an exception through when it ends. A thread of its own waits for the second request.
+    A compiled call lets an exception through when it ends, and an import is let end. A thread of its own
+    waits for the second request.
     """
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
@@ -63,7 +64,27 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
         sys.excepthook = lambda *_: None
         threading.excepthook = lambda _: None
         sys.unraisablehook = _raise_again
-        raise KeyboardInterrupt
+        importer = _importer(frame)
+        if importer is None:
+            raise KeyboardInterrupt
+        # The interpreter calls the function of a traced frame when it goes on there.
+        importer.f_trace = _raise
+        sys.settrace(lambda *_: None)
+
+
+def _importer(frame: FrameType | None) -> FrameType | None:
+    """What imports something just now: a library half imported loses what is raised in it, or aborts."""
+    importer, importing = None, False
+    while frame is not None:
+        is_import = frame.f_code.co_filename.startswith("<frozen importlib.")
+        if importing and not is_import:
+            importer = frame
+        importing, frame = is_import, frame.f_back
+    return importer
+
+
+def _raise(*_: Any) -> None:
+    raise KeyboardInterrupt
 
 
 def _raise_again(lost: Any) -> None:
