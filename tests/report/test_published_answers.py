@@ -100,6 +100,27 @@ def test_a_model_without_mass_says_so(run):
     assert "no mass exponent" in page.mass_conclusion(without)
 
 
+def test_by_how_much_people_differ_and_who_does(run):
+    assert "in K and" in page.people_sentence(run)
+    drawn = run.groups["posterior"]
+    alike = drawn.assign(
+        subject_effect_K=drawn["subject_effect_K"] * 0, subject_effect_C=drawn["subject_effect_C"] * 0
+    )
+    assert "nobody can be told from" in page.people_sentence(
+        replace(run, groups=run.groups | {"posterior": alike})
+    )
+    first = alike["subject_effect_K"].copy()
+    first[..., 0] = 0.5
+    told = page.people_sentence(
+        replace(run, groups=run.groups | {"posterior": alike.assign(subject_effect_K=first)})
+    )
+    assert f"{run.labels('subject')[0]} can be told from" in told
+    none = drawn.drop_vars(["sd_subject_K", "sd_subject_C", "subject_effect_K", "subject_effect_C"])
+    assert "no effects of people" in page.people_sentence(
+        replace(run, groups=run.groups | {"posterior": none})
+    )
+
+
 def test_doubt_follows_the_audit(run):
     assert page.doubt_words(run) == "doubts"
     clean = replace(run, audit=run.audit[run.audit["severity"] == "note"])

@@ -24,6 +24,8 @@ from bayestissue.reports.pages.posterior import (
     SURE,
     exponent,
     hypothesis_probability,
+    sureness,
+    without_zero,
 )
 from bayestissue.reports.pages.wording import listed, percent, relative
 from bayestissue.thesis.audit.inconsistencies import TEXTS
@@ -71,6 +73,14 @@ def constant_frequency_finding(run: PublishedRun) -> int | None:
 def doubt_words(run: PublishedRun) -> str:
     """What the audit says of it that the published figures measure the tissue."""
     return "doubts" if (run.audit["severity"] == "major").any() else "does not doubt"
+
+
+def people_sentence(run: PublishedRun) -> str:
+    """By how much people differ in K and in C, and who by a 90 % interval."""
+    between = [f"{row['subject']} in {row['quantity']}" for row in sureness(run) if "subject" in row]
+    effects = [run.draws(name) for q in QUANTITIES if run.has(name := f"subject_effect_{q}")]
+    differing = {person for draws in effects for person in without_zero(draws, run.labels("subject"))}
+    return worded("published", "people", between, sorted(differing))
 
 
 def frequency_sentence(run: PublishedRun) -> str:
