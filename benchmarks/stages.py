@@ -39,15 +39,15 @@ STAGES = {
     "studies.fitting": ("judge", "agreement"),
     "base.results.files": ("write_tree",),
     "base.results.tables": ("write_table",),
-    "reports.pages.fit.page": ("page_of", "render_page"),
-    "reports.pages.fit.study": ("contrasts_table", "reliability_table", "prior_words"),
+    "reports.pages.fit.fit_page": ("page_of", "render_page"),
+    "reports.pages.fit.study_answers": ("contrasts_table", "reliability_table", "prior_words"),
     "reports.pages.page": ("drawn",),
 }
 # What a study asks of a fit: comparisons, reliability, agreement of methods, and their part of a page.
 STUDY = (
     *("coefficients", "as_variables", "reliability", "agreement"),
     # The name of contrasts' table is that of its part of a page too.
-    *STAGES["reports.pages.fit.study"],
+    *STAGES["reports.pages.fit.study_answers"],
 )
 spent: dict[str, float] = {}
 with_all_within: dict[str, float] = {}
@@ -90,7 +90,7 @@ def _time_imports() -> None:
 
 def _time_stages() -> None:
     """Wherever a stage's function has been imported to, the timed one takes its place."""
-    import bayestissue.reports.pages.fit.page
+    import bayestissue.reports.pages.fit.fit_page
     import bayestissue.studies.fitting  # noqa: F401
     from bayestissue.inference.chain.run import Chains
 
@@ -114,7 +114,7 @@ def main(dataset: str = "data/example", model: str = "models/impact.toml") -> No
 
     runtime.keep_compiled()
     runtime.configure()
-    from bayestissue.commands.fit import fit
+    from bayestissue.commands.fit_command import fit
 
     _time_stages()
     with tempfile.TemporaryDirectory() as folder:

@@ -21,7 +21,7 @@ from bayestissue.inference.answers.reliability import as_variables, coefficients
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.quantities.together import comparable_draws
 from bayestissue.model.hierarchy.recorded import Recorded
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.run_folder import read_about
 from made_once import made_once
 from tree_file import write_tree
@@ -120,7 +120,7 @@ def read_fit_run(folder: Path, record: dict[str, Any] | None = None) -> FitRun:
 
 def changed(run: FitRun, **parts: Any) -> FitRun:
     """A run of which some fields, tables or groups are others."""
-    tables = {name: parts.pop(name) for name in ("summary", "contrasts") if name in parts}
+    tables = {name: parts.pop(name) for name in ("summary", "contrasts", "levels") if name in parts}
     kept = {name: parts.pop(name) for name in ("groups",) if name in parts} or {"groups": run.groups}
     about = {"about": parts.pop("record")} if "record" in parts else {}
     copy = replace(
@@ -138,7 +138,7 @@ def _with_discrepancy(posterior: xr.Dataset, people: np.ndarray) -> xr.Dataset:
     typical = np.log(0.05) + 0 * posterior["intercept_K"]
     pooled = {"discrepancy_mean": typical, "sd_discrepancy": 1 + 0 * typical}
     posterior = posterior.assign(K_secant=secant, discrepancy=0.05 + 0 * secant, **pooled)
-    return posterior.assign(comparable_draws(posterior[["K_secant"]], people))
+    return posterior.assign(comparable_draws(posterior[["K_secant"]], {"subject": people}))
 
 
 def _with_sides(rng, posterior: xr.Dataset, constants: xr.Dataset, formula: dict[str, str]) -> None:

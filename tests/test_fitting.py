@@ -20,7 +20,7 @@ from bayestissue.inference.fit import TraceAnalysis
 from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.model.hierarchy.specification import Sampler, read_specification
 from bayestissue.model.hierarchy.trace_data import prepare
-from bayestissue.reports.pages.fit.run import TABLES
+from bayestissue.reports.pages.fit.fit_run import TABLES
 from bayestissue.studies import fitting
 from bayestissue.studies.fitting import FitJob, resolve
 from bayestissue.studies.simulation import Simulation, simulate

@@ -16,8 +16,8 @@ from bayestissue.base.results.tables import (
     write_table,
 )
 from bayestissue.reports.pages import write_report
-from bayestissue.reports.pages.fit.run import TABLES
-from bayestissue.reports.pages.tables import declared_fields
+from bayestissue.reports.pages.fit.fit_run import TABLES
+from bayestissue.reports.pages.page_tables import declared_fields
 from bayestissue.studies.finished import Fit, read_run
 from make_fit_run import make_fit_run
 

@@ -26,10 +26,10 @@ from bayestissue.commands import (
     datasets,
     delivery,
     finished_runs,
-    fit,
-    init,
+    fit_command,
+    init_command,
     live,
-    plan,
+    plan_command,
     texts,
     verification,
 )
@@ -66,7 +66,7 @@ class _Init(_Command):
     @cached_property
     def _whole(self) -> Any:
         made = typer.Typer(add_completion=False)
-        function, words = delivery.documented(init.with_options())
+        function, words = delivery.documented(init_command.with_options())
         made.command(self.name, help=words)(function)
         return typer.main.get_command(made)
 
@@ -110,15 +110,15 @@ app = typer.Typer(
 _FAILED = more(["machine-failed"])
 
 _COMMANDS: dict[str, Callable[..., None]] = {
-    **{"plan": plan.plan, "init": init.run, "check": datasets.check, "simulate": datasets.simulate},
-    **{"estimate": datasets.estimate, "model": texts.model},
-    **{"fit": fit.fit, "reproduce": verification.reproduce, "report": finished_runs.report},
+    **{"plan": plan_command.plan, "init": init_command.run, "check": datasets.check},
+    **{"simulate": datasets.simulate, "estimate": datasets.estimate, "model": texts.model},
+    **{"fit": fit_command.fit, "reproduce": verification.reproduce, "report": finished_runs.report},
     **{"compare": finished_runs.compare, "ask": finished_runs.ask, "predict": finished_runs.predict},
     **{"export": finished_runs.export, "watch": live.watch, "open": live.open_, "explain": texts.explain},
     **{"selftest": verification.selftest, "certify": finished_runs.certify},
 }
 for name, command in _COMMANDS.items():
-    if command is init.run:
+    if command is init_command.run:
         app.command(name, cls=_Init, help=described(command.__doc__, "Args")[0])(lambda: None)
         continue
     function, words = delivery.documented(command)

@@ -19,7 +19,7 @@ from bayestissue.base import runtime
 from bayestissue.base.errors import InputError, Problem, has_control_characters, printable
 from bayestissue.commands import datasets, finished_runs
 from bayestissue.commands.console import Grid, echo, plain, show
-from bayestissue.reports.pages.tables import Row, Table, columns
+from bayestissue.reports.pages.page_tables import Row, Table, columns
 from bayestissue.studies.estimates import Estimates
 
 BAD = "[/red]a\x1b]0;title\x07b\x9b2Jc\u202ed\x00"

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 
 from bayestissue.commands.datasets import check
-from bayestissue.commands.fit import what_is_untold
+from bayestissue.commands.fit_command import what_is_untold
 from bayestissue.mechanics.oscillator import impact_motion
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import prepare

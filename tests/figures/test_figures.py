@@ -12,7 +12,7 @@ import pytest
 from bayestissue import read_run
 from bayestissue.reports.figures.browser import figure_json
 from bayestissue.reports.figures.intervals import MOST_LEVELS, intervals, with_error_of, with_ranks
-from bayestissue.reports.figures.study import agreement, limits_of_agreement, points, shares
+from bayestissue.reports.figures.study_comparisons import agreement, limits_of_agreement, points, shares
 from bayestissue.reports.figures.theme import number, scale_over
 from bayestissue.reports.figures.traces import CONTACT, panels, thinned
 from bayestissue.reports.pages.fit import figures

@@ -15,7 +15,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
-from bayestissue.commands import init as command
+from bayestissue.commands import init_command as command
 from bayestissue.recordings.dataset import LowPassFilter
 from bayestissue.recordings.dataset.left_out import reasons
 from bayestissue.recordings.dataset.recorders import contents_of

@@ -16,9 +16,9 @@ from PIL import Image
 
 import bayestissue as bt
 from bayestissue.inference.answers.law import Law
-from bayestissue.inference.checking.recording_checks import clipped_recordings, flagged_recordings
+from bayestissue.inference.checking.recording_warnings import clipped_recordings, flagged_recordings
 from bayestissue.model.hierarchy.levels import log_at_levels
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.posterior import Levels
 from bayestissue.reports.pages.wording import Spread
 from bayestissue.reports.paper import text

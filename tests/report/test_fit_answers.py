@@ -1,13 +1,12 @@
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from scipy import stats
 
-from bayestissue.reports.pages.fit import answers, checks, estimates, traces, words
+from bayestissue.reports.pages.fit import answers, checks, method_agreement, model_words, trace_predictions
 from bayestissue.reports.pages.run_folder import read_about
 from make_fit_run import DRAWS, changed, make_fit_run, read_fit_run
 
@@ -30,7 +29,7 @@ def arma(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_intervals_that_hold_the_truth_are_counted(run):
-    half, most = estimates.held_by_intervals(run).query("quantity == 'K'").itertuples()
+    half, most = method_agreement.held_by_intervals(run).query("quantity == 'K'").itertuples()
     assert (half.level, most.level, most.impacts) == (50, 90, 12)
     # Made-up medians scatter about the truth as widely as their draws: coverage is that of the normal.
     assert stats.binom.cdf(most.held, 12, 0.9) > 0.001
@@ -39,7 +38,7 @@ def test_the_intervals_that_hold_the_truth_are_counted(run):
 
 def test_least_squares_finds_the_slope_that_was_put_in(run):
     # C of the made-up estimates is 3 C_person M^(1/2) and every person meets every mass.
-    found = estimates.apparent_exponent(run, "C")
+    found = method_agreement.apparent_exponent(run, "C")
     assert found.slope.median == pytest.approx(0.5, abs=1e-12)
     assert found.slope.low < 0.5 < found.slope.high
     level = np.log(3 * run.truth["C_N_s_per_m"]).mean() + 0.5 * np.log(0.7)
@@ -48,7 +47,7 @@ def test_least_squares_finds_the_slope_that_was_put_in(run):
 
 def test_the_ratio_of_the_methods_is_that_of_the_made_up_estimates(run):
     # Medians of 200 draws about a made-up centre, itself 1 % off: three standard errors of the middle of 12.
-    assert estimates.dds_ratio(run, "K") == pytest.approx(2, rel=3 * 1.25 * 0.01 / np.sqrt(12))
+    assert method_agreement.dds_ratio(run, "K") == pytest.approx(2, rel=3 * 1.25 * 0.01 / np.sqrt(12))
 
 
 @pytest.mark.slow
@@ -124,34 +123,35 @@ def test_a_trend_that_the_posterior_shares_is_not_called_made_by_the_method(run,
 
 
 def test_noise_that_is_not_the_models_is_told(run, arma):
-    white, coloured = traces.residuals(run), traces.residuals(arma)
-    said = [" ".join(traces.residual_words(each, left)) for each, left in ((run, white), (arma, coloured))]
+    white, coloured = trace_predictions.residuals(run), trace_predictions.residuals(arma)
+    pairs = ((run, white), (arma, coloured))
+    said = [" ".join(trace_predictions.residual_words(each, left)) for each, left in pairs]
     assert "is not the noise that was recorded" not in said[0]
     assert "is not the noise that was recorded" in said[1]
 
 
 def test_what_the_fit_tested_is_the_pages_one_verdict(run, arma):
     """No other test of the same residuals."""
-    coloured = traces.residuals(arma)
+    coloured = trace_predictions.residuals(arma)
     form = {"words": "Nothing against the model.", "impacts": {"p": dict.fromkeys(run.impacts, 0.5)}}
     about = run.record | {"model": run.record["model"] | {"likelihood": "impact"}}
     tested = changed(run, record=about, diagnostics=run.diagnostics | {"model_form": form})
-    assert traces.residual_words(tested, coloured)[1:] == [form["words"]]
-    assert not traces.other_noise(tested, coloured)
+    assert trace_predictions.residual_words(tested, coloured)[1:] == [form["words"]]
+    assert not trace_predictions.other_noise(tested, coloured)
 
 
 def test_the_lag_one_autocorrelation_is_that_of_a_running_mean(arma):
     # Of a running mean of two it is 1/2, with a standard error of about 1/sqrt(n) an impact, n = 58 or more;
     # each of the four coefficients of the cubic takes about 1/n off.
-    found = traces.residuals(arma).lag_one["measured"].mean()
+    found = trace_predictions.residuals(arma).lag_one["measured"].mean()
     assert found == pytest.approx(0.5, abs=4 / np.sqrt(58 * 12) + 4 / 58)
 
 
 def test_the_recording_shown_first_is_that_of_the_median_stiffness(run):
     level = run.of_impacts("K")["median"].to_numpy()[run.predicted]
-    place = traces.middle_impact(run)
+    place = trace_predictions.middle_impact(run)
     assert (level < level[place]).sum() == len(level) // 2
-    rows = traces.trace_rows(run, place)
+    rows = trace_predictions.trace_rows(run, place)
     recorded = run.groups["observed_data"][run.shown].to_numpy()[place]
     np.testing.assert_array_equal(rows["recorded"], recorded[np.isfinite(recorded)])
     bands = rows[["low", "quarter", "median", "three_quarters", "high"]].to_numpy()
@@ -180,18 +180,18 @@ def test_an_error_of_mass_that_is_a_persons_is_said(run):
 
 
 def test_theta1_at_its_edge_is_counted_and_impact_toml_named(run, arma):
-    assert "below −0.99 in 12 of 12" in " ".join(words.limits(arma))
-    assert "models/impact.toml" in words.limits(run)[0]
+    assert "below −0.99 in 12 of 12" in " ".join(model_words.limits(arma))
+    assert "models/impact.toml" in model_words.limits(run)[0]
 
 
 def test_coverage_is_shown_once_it_was_measured(run, tmp_path, monkeypatch):
     path = tmp_path / "coverage.csv"
     path.write_text("likelihood,quantity,level,held,impacts,command,measured\n", encoding="utf-8")
-    monkeypatch.setattr(words, "_MEASURED", path)
-    assert words.coverage_table(run) is None
+    monkeypatch.setattr(model_words, "_MEASURED", path)
+    assert model_words.coverage_table(run) is None
     with path.open("a", encoding="utf-8") as stream:
         stream.write("a2,K,90,1500,2000,a command,on an earlier version\narma,K,90,1,2,another,\n")
-    (row,) = words.coverage_table(run).rows
+    (row,) = model_words.coverage_table(run).rows
     # When and by which program it was measured is no concern of a lab's.
     assert row.cells == ("K", "90 %", "1500 of 2000", "75\N{NO-BREAK SPACE}%")
 
@@ -201,25 +201,31 @@ def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):
     plain, wider = (
         changed(run, record=impact | more) for more in ({}, {"discrepancy": {"rms_of_peak": 0.1}})
     )
-    assert "discrepancy" in words.unused_priors(plain)
-    assert "discrepancy" not in words.unused_priors(wider)
-    assert "a smooth force of unknown shape" in words.likelihood_words(wider)
-    assert "a smooth force" not in words.likelihood_words(plain)
-    assert words.coverage_table(plain) is not None
-    assert words.coverage_table(wider) is None
+    assert "discrepancy" in model_words.unused_priors(plain)
+    assert "discrepancy" not in model_words.unused_priors(wider)
+    assert "a smooth force of unknown shape" in model_words.likelihood_words(wider)
+    assert "a smooth force" not in model_words.likelihood_words(plain)
+    assert model_words.coverage_table(plain) is not None
+    assert model_words.coverage_table(wider) is None
 
 
-def test_where_one_tower_hits_several_pads_each_has_its_k_and_how_sure_it_is() -> None:
-    levels = pd.DataFrame(
-        {"factor": ["pad", "pad", "height"], "level": ["A", "B", "20"], "quantity": "K"}
-        | {"median": [30_000.0, 60_000.0, 42_000.0], "low": [29_900.0, 57_000.0, 1.0]}
-        | {"high": [30_100.0, 63_000.0, 9.0]}
+@pytest.mark.parametrize("alone", [False, True])
+def test_where_one_tower_hits_several_pads_each_has_its_k_and_how_sure_it_is(run, alone) -> None:
+    """Beside a discrepancy, where K is the element's alone, by the secant stiffness of each pad's impacts."""
+    pads = pd.DataFrame({"factor": ["pad", "pad", "height"], "level": ["A", "B", "20"]})
+    # Evenly spread draws, of which the 5 and 95 % points are known.
+    drawn = np.linspace([29_890.0, 56_700.0], [30_110.0, 63_300.0], 2001)
+    of_pads = xr.DataArray(drawn[None], {"pad": ["A", "B"]}, ("chain", "draw", "pad"))
+    names = ("K_secant_of_pad", "K_secant_of_impacts") if alone else ("K_pad",)
+    posterior = xr.Dataset(dict.fromkeys(names, of_pads))
+    tower, people = (
+        changed(run, levels=pads, groups={"posterior": posterior.assign_coords(subject=subjects)})
+        for subjects in (["tower"], ["s1", "s2"])
     )
-    tower = SimpleNamespace(levels=levels, people_count=1, element_alone=False)
     values, sureness = answers.of_each_level(tower, "K")
     assert values == "A\N{NO-BREAK SPACE}30000, B\N{NO-BREAK SPACE}60000"
-    # Half the interval of the least sure pad: (63 / 57)^1/2 - 1.
+    # Half the interval of the least sure pad: ((60 + 0.9 * 3.3) / (60 - 0.9 * 3.3))^1/2 - 1.
     assert sureness.startswith("±5.1")
     assert answers.of_each_level(tower, "C") == ()
     # A typical one of several people is somebody.
-    assert answers.of_each_level(SimpleNamespace(**vars(tower) | {"people_count": 2}), "K") == ()
+    assert answers.of_each_level(people, "K") == ()

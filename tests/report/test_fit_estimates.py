@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 import statsmodels.api as sm
 
-from bayestissue.reports.pages.fit.estimates import apparent_exponent
+from bayestissue.reports.pages.fit.method_agreement import apparent_exponent
 from make_fit_run import make_fit_run, read_fit_run
 
 pytestmark = pytest.mark.usefixtures("read_once")

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 
 from bayestissue.reports.pages import write_report
-from bayestissue.reports.pages.fit import figures, outcomes
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit import figures, level_outcomes
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.run_folder import read_about
 from bayestissue.reports.pages.wording import Spread
 from make_fit_run import make_fit_run, read_fit_run
@@ -98,23 +98,23 @@ def test_of_several_levels_the_two_best_are_held_against_each_other(folder, tmp_
 
 
 def test_the_pictures_numbers_are_those_of_the_tables(run) -> None:
-    shown = outcomes.loops(run, "side").data
+    shown = level_outcomes.loops(run, "side").data
     assert set(shown["level"]) == {"left", "right"}
     assert {one.split(" at ")[0] for one in shown["panel"]} == {"0.7 kg"}
     assert np.allclose(shown["depth_mm"], 1e3 * run.loops["depth_m"])
     assert np.allclose(shown["force_N"], run.loops["force_N"])
-    curve = outcomes.curves(run, "side").data
+    curve = level_outcomes.curves(run, "side").data
     of_force = run.curves[run.curves["quantity"] == "peak_force"]
     assert np.allclose(curve[["median", "low", "high"]], of_force[["median", "low", "high"]])
-    ranked = outcomes.ranks(run, "side").data
+    ranked = level_outcomes.ranks(run, "side").data
     assert list(ranked["label"]) == ["right, rank 1", "left, rank 2"]
-    depth = outcomes.ranks(run, "side", "peak_depth").data
+    depth = level_outcomes.ranks(run, "side", "peak_depth").data
     of_depth = run.levels[run.levels["quantity"] == "peak_depth"]
     assert np.allclose(sorted(depth["median"]), sorted(1e3 * of_depth["median"]))
 
 
 def test_recorded_impacts_are_mass_times_deceleration_over_depth(run) -> None:
-    chart = outcomes.loops(run, "side").chart
+    chart = level_outcomes.loops(run, "side").chart
     recorded = chart["data"][chart["data"]["part"] == "recorded"]
     observed, impacts = run.groups["observed_data"], run.impacts_table.set_index("impact")
     for impact, rows in recorded.groupby("impact"):
@@ -126,7 +126,7 @@ def test_recorded_impacts_are_mass_times_deceleration_over_depth(run) -> None:
 
 
 def test_figures_of_what_impacts_do_are_published_and_drawn(run) -> None:
-    of_outcomes = dict(outcomes.published(run))
+    of_outcomes = dict(level_outcomes.published(run))
     assert list(of_outcomes) == [
         "force-over-depth-by-side",
         "peak_force-curves-by-side",

@@ -11,7 +11,7 @@ from bayestissue.base.errors import InputError
 from bayestissue.inference.checking.findings import Finding, headline
 from bayestissue.inference.checking.model_form import stated
 from bayestissue.reports.pages import write_report
-from bayestissue.reports.pages.fit.page import page_of as fit_page_of
+from bayestissue.reports.pages.fit.fit_page import page_of as fit_page_of
 from bayestissue.reports.pages.run_folder import read_about
 from make_fit_run import changed, make_fit_run, read_fit_run
 from page_reader import Reader

@@ -16,7 +16,7 @@ import pytest
 
 from bayestissue.reports.figures.browser import library
 from bayestissue.reports.pages import write_report
-from bayestissue.reports.pages.fit import explorer, traces
+from bayestissue.reports.pages.fit import explorer, trace_predictions
 from bayestissue.reports.pages.run_folder import read_about
 from make_fit_run import make_fit_run, read_fit_run
 from page_reader import unpacked
@@ -70,7 +70,7 @@ def test_what_is_carried_of_a_recording_is_it_to_half_a_step(run) -> None:
         step, finer = trace["steps"]
         part = numbers[at : at + count * 6].reshape(6, count) * np.array([[step], *[[finer]] * 5])
         at += count * 6
-        rows = traces.trace_rows(run, place)
+        rows = trace_predictions.trace_rows(run, place)
         # The median and what is added to it are each rounded.
         np.testing.assert_allclose(part[0], rows["median"], rtol=0, atol=0.5001 * step)
         np.testing.assert_allclose(part[0] + part[1], rows["recorded"], rtol=0, atol=0.5001 * (step + finer))

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.reports.pages.answers_page import question_lines
-from bayestissue.reports.pages.fit import answers, estimates, figures, population, words
-from bayestissue.reports.pages.fit.page import page_of
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit import answers, figures, groups, method_agreement, model_words
+from bayestissue.reports.pages.fit.fit_page import page_of
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.posterior import exponent, levels, mass_curve, spread
 from bayestissue.reports.paper.text import text_of
 from make_fit_run import MASS, changed, make_fit_run, read_fit_run
@@ -54,17 +55,29 @@ def test_the_first_screen_leads_with_the_secant_stiffness(run: FitRun) -> None:
     assert levels(run)[1].quantity == "C"
 
 
+def test_a_heading_of_the_first_screen_is_shown_with_a_picture_only(tmp_path: Path) -> None:
+    """K of nobody is told here, so that its only picture has every impact."""
+
+    def without(groups: dict[str, xr.Dataset]) -> dict[str, xr.Dataset]:
+        return groups | {"posterior": groups["posterior"].drop_vars("K_secant_of_subject")}
+
+    options = {"likelihood": "impact", "exponent": None, "mass_varies": False, "extended": without}
+    html = page_of(read(make_fit_run(tmp_path / "run", discrepancy=True, **options)))
+    assert re.search(r'<div class="not-of-K">\s*<h2 id="answer-3">How do impacts differ', html)
+    assert re.search(r'<div>\s*<h2 id="answer-1">What are K and C', html)
+
+
 def test_impacts_show_it_beside_point_estimates_and_truth(run: FitRun) -> None:
     rows = run.summary[run.summary["variable"] == "K_secant"].set_index("label")
     table = run.estimates_by_method["K"]
     np.testing.assert_array_equal(table["median"], rows["median"].reindex(table.index))
-    assert list(estimates.held_by_intervals(run)["quantity"]) == ["K_secant", "K_secant", "C", "C"]
-    assert estimates.dds_ratio(run, "K") == pytest.approx(2, rel=0.05)
-    titles = [column.title for column in estimates.estimates_table(run).columns]
+    assert list(method_agreement.held_by_intervals(run)["quantity"]) == ["K_secant", "K_secant", "C", "C"]
+    assert method_agreement.dds_ratio(run, "K") == pytest.approx(2, rel=0.05)
+    titles = [column.title for column in method_agreement.estimates_table(run).columns]
     assert {"K_secant (N/m)", "true K_secant"} <= set(titles)
     axes = json.dumps(figures.impacts(run, "order", "K").specification())
     assert "secant stiffness K_secant (N/m)" in axes
-    assert {row.cells[0] for row in estimates.agreement_table(run).rows} == {"K_secant", "C"}
+    assert {row.cells[0] for row in method_agreement.agreement_table(run).rows} == {"K_secant", "C"}
     assert "on the same traces (median impact)" in answers.method_sentence(run)
     assert "times this K_secant" in answers.method_sentence(run)
 
@@ -78,7 +91,7 @@ def test_people_have_their_own_impacts_secants_and_other_groups_none(run: FitRun
     assert "K-by-subject" in names
     assert {"K-by-trial", "K-by-side"}.isdisjoint(names)
     assert {"C-by-trial", "K-over-mass"} <= set(names)
-    assert all(slope.quantity != "K" for slope in population.own_slopes(run))
+    assert all(slope.quantity != "K" for slope in groups.own_slopes(run))
 
 
 def test_the_curve_over_the_mass_is_that_of_the_recorded_impacts(run: FitRun) -> None:
@@ -96,7 +109,7 @@ def test_the_curve_over_the_mass_is_that_of_the_recorded_impacts(run: FitRun) ->
 
 
 def test_words_say_whose_k_is(run: FitRun) -> None:
-    said = words.likelihood_words(run)
+    said = model_words.likelihood_words(run)
     assert "the element's own" in said
     assert "The tissue's stiffness is K_secant." in said
     assert answers.answering(run) == {"K": "K_common_depth", "C": "C"}

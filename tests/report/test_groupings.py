@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue.reports.pages.fit.page import fit_page
-from bayestissue.reports.pages.fit.population import differing_words, groupings, own_slopes
+from bayestissue.reports.pages.fit.fit_page import fit_page
+from bayestissue.reports.pages.fit.groups import differing_words, groupings, own_slopes
 from bayestissue.reports.pages.run_folder import read_json
 from make_fit_run import CHAINS, DRAWS, PEOPLE, make_fit_run, read_fit_run
 from tree_file import write_tree

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from bayestissue.reports.figures.intervals import intervals
-from bayestissue.reports.figures.study import points
+from bayestissue.reports.figures.study_comparisons import points
 from bayestissue.reports.figures.theme import number
 from bayestissue.reports.pages import write_report
 from make_fit_run import make_fit_run

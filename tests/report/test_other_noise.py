@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bayestissue.reports.pages.fit.traces import OTHER_NOISE, Residuals
+from bayestissue.reports.pages.fit.trace_predictions import OTHER_NOISE, Residuals
 
 DRAWS, SAMPLES = 100, 60
 

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from bayestissue.base.remedies import entries
 from bayestissue.reports.figures.browser import packed
-from bayestissue.reports.figures.study import points
+from bayestissue.reports.figures.study_comparisons import points
 from bayestissue.reports.figures.theme import Figure, number
 from bayestissue.reports.pages.page import again, drawn, prose, render_page
 from page_reader import figures, unpacked

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from bayestissue.reports.pages.fit import usual
-from bayestissue.reports.pages.fit.page import page_of
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_page import page_of
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.run_folder import read_about
 from make_fit_run import CONDITIONS, PEOPLE, changed, make_fit_run, read_fit_run
 

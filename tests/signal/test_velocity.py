@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import bayestissue as bt
 from bayestissue.inference.checking.findings import warnings
-from bayestissue.inference.checking.recording_checks import contradicted_velocity
+from bayestissue.inference.checking.recording_warnings import contradicted_velocity
 from bayestissue.inference.points.point_estimates import flags_of
 from bayestissue.recordings.signal import displacements
 from bayestissue.recordings.signal.quality import inspect

@@ -26,7 +26,7 @@ from rich.text import Text
 from bayestissue.base.errors import printable
 
 if TYPE_CHECKING:
-    from bayestissue.reports.pages.tables import Table
+    from bayestissue.reports.pages.page_tables import Table
 
 
 @dataclass(frozen=True)

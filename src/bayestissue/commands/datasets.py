@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 def _of_check(checked: Check) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid, Heading
+    from bayestissue.reports.pages.page_tables import Row, Table, columns
     from bayestissue.reports.pages.recordings_pages import kinds
-    from bayestissue.reports.pages.tables import Row, Table, columns
 
     data, nouns = checked.dataset, Words(checked.dataset.words)
     rows = (*checked.summary, *(("note", words) for words in checked.notes))
@@ -66,7 +66,7 @@ def check(dataset: DatasetFolder, *, call: Call) -> Check:
 def _of_estimates(estimates: Estimates) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
     from bayestissue.inference.points.notes import people_alone, said_once
-    from bayestissue.reports.pages.tables import Row, Table, columns
+    from bayestissue.reports.pages.page_tables import Row, Table, columns
     from bayestissue.reports.pages.wording import estimated
 
     left_out = estimates.dataset.left_out

@@ -208,7 +208,7 @@ def _of_comparison(compared: Comparison) -> Iterator[Shown]:
     """The two tables, see `bayestissue.studies.comparing`, and answers to what was asked."""
     from bayestissue.commands.console import SCREEN, Grid
     from bayestissue.inference.model_comparison import OF_OUTCOMES
-    from bayestissue.reports.pages.tables import Field, number_field, table_of
+    from bayestissue.reports.pages.page_tables import Field, number_field, table_of
 
     comparison, posteriors = compared.comparison, compared.posteriors
     data = [Field("data")] if len(comparison["data"].unique()) > 1 else []
@@ -258,7 +258,7 @@ def of_answers(answers: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     """Claims and numbers, each as a table, and under them what is to be said of single ones."""
     from bayestissue.base.declarations import filled, general
     from bayestissue.commands.console import Grid
-    from bayestissue.reports.pages.tables import Field, number_field, table_of
+    from bayestissue.reports.pages.page_tables import Field, number_field, table_of
     from bayestissue.reports.pages.wording import estimated
 
     def number(title: str, column: str, form: str) -> Field:
@@ -320,7 +320,7 @@ def _counts(table: pd.DataFrame) -> str:
 def of_predictions(predictions: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     """The median of each quantity with its 90 % interval, and under the table what each row was given."""
     from bayestissue.commands.console import Grid
-    from bayestissue.reports.pages.tables import Field, table_of
+    from bayestissue.reports.pages.page_tables import Field, table_of
     from bayestissue.reports.pages.wording import FIRST_PREDICTED, covariate_words, predicted_words
 
     def quantity(name: str) -> Field:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def _verdict(findings: pd.DataFrame, words: str) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
-    from bayestissue.reports.pages.tables import Field, table_of
+    from bayestissue.reports.pages.page_tables import Field, table_of
 
     failed = findings[findings["passed"] == 0]
     if len(failed):

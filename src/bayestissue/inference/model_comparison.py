@@ -268,7 +268,8 @@ def _quantiles(name_of_run: str, run: Study) -> list[pd.DataFrame]:
         typical = {name: values for name, values in typical.items() if not of_element_alone(name)}
     people = len(np.unique(of_impacts))
     tables = []
-    for name, array in {**comparable_draws(posterior, of_impacts), **typical, **_outcomes(run)}.items():
+    together = comparable_draws(posterior, {"subject": of_impacts})
+    for name, array in {**together, **typical, **_outcomes(run)}.items():
         by_person = array if "subject" in array.dims else array.expand_dims(subject=[""])
         ends, labels = interval(by_person), by_person["subject"].astype(str).to_numpy().tolist()
         unit = _UNITS.get(name) or unit_of(name)

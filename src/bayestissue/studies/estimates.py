@@ -24,11 +24,11 @@ from bayestissue.inference.single.impact_estimates import Method
 from bayestissue.recordings.dataset import as_dataset
 from bayestissue.recordings.signal import SignalOptions, displacements
 from bayestissue.reports.figures.impacts import MASS, axis_title, end
-from bayestissue.reports.figures.study import points
+from bayestissue.reports.figures.study_comparisons import points
 from bayestissue.reports.figures.theme import Figure, number
 from bayestissue.reports.pages.page import render_page
-from bayestissue.reports.pages.settings import LIMITS
-from bayestissue.reports.pages.tables import Field, Table, number_field, settings_table, shown, table_of
+from bayestissue.reports.pages.page_settings import LIMITS
+from bayestissue.reports.pages.page_tables import Field, Table, number_field, settings_table, shown, table_of
 from bayestissue.reports.pages.wording import SENTENCES, digits, interval, listed, nouns_of, significant
 from bayestissue.reports.pages.wording import number as in_words
 from bayestissue.studies.simulation import simulate

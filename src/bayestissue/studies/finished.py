@@ -23,7 +23,7 @@ from bayestissue.base.results.manifest import FileKind, require_file
 from bayestissue.inference.checking.findings import verdict_in_words
 from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.model.hierarchy.specification import ModelSpecification, specification_of
-from bayestissue.reports.pages.fit.run import TABLES, FitRun
+from bayestissue.reports.pages.fit.fit_run import TABLES, FitRun
 from bayestissue.reports.pages.run_folder import not_a_fit, read_about
 from bayestissue.reports.paper import WIDTH_MM
 
@@ -234,7 +234,7 @@ class Fit(FitRun, Result):
 
     def page(self) -> str:
         """The HTML of the page, of what is in memory; of a run that was read back, from its folder."""
-        from bayestissue.reports.pages.fit.page import page_of
+        from bayestissue.reports.pages.fit.fit_page import page_of
 
         return page_of(self.complete())
 

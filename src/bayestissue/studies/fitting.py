@@ -33,7 +33,7 @@ from bayestissue.inference.checking.findings import (
 )
 from bayestissue.inference.checking.mass_checks import judge_force, judge_reference
 from bayestissue.inference.checking.measuring_chain import judge
-from bayestissue.inference.checking.recording_checks import (
+from bayestissue.inference.checking.recording_warnings import (
     clipped_recordings,
     contradicted_velocity,
     flagged_recordings,

@@ -30,7 +30,7 @@ from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.formula import resolve
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
-from bayestissue.reports.pages.fit import study
+from bayestissue.reports.pages.fit import study_answers
 from designs import REFERENCE, contrasts, design_of
 
 DRAWS = (2, 4)
@@ -206,7 +206,7 @@ def page_agrees(made: Made, table: pd.DataFrame) -> None:
         labels=lambda name: made.draws[name].to_numpy().astype(str).tolist(),
         draws=lambda name: made.draws[name].to_numpy().reshape(-1, made.draws[name].shape[-1]),
     )
-    first = study.first_contrasts(run)
+    first = study_answers.first_contrasts(run)
     interactions = {one["what"] for one in first if one["kind"] == INTERACTION}
     assert len(interactions) == min(2, len({*table[table["kind"] == INTERACTION]["level"]} and interactions))
     assert bool(interactions) == bool((table["kind"] == INTERACTION).any())

@@ -13,7 +13,7 @@ from scipy.constants import g as standard_gravity
 import bayestissue as bt
 from bayestissue.base.resources import shared
 from bayestissue.inference.checking.findings import PEAK_MISSED, headline, noted, warnings
-from bayestissue.inference.checking.recording_checks import judge_peaks, missed_peaks
+from bayestissue.inference.checking.recording_warnings import judge_peaks, missed_peaks
 from bayestissue.model.hierarchy.specification import read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset import Dataset, Uncertainty

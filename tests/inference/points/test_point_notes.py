@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bayestissue.inference.checking.findings import headline, verdict_in_words
-from bayestissue.inference.checking.recording_checks import (
+from bayestissue.inference.checking.recording_warnings import (
     clipped_recordings,
     contradicted_velocity,
     flagged_recordings,

@@ -14,7 +14,7 @@ import bayestissue as bt
 from bayestissue.base.resources import shared
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.points.notes import C_UNTOLD
-from bayestissue.inference.single.posterior import single_posteriors
+from bayestissue.inference.single.impact_posterior import single_posteriors
 from bayestissue.mechanics.oscillator import (
     impact_motion,
     spring_damper_inverse,

@@ -16,7 +16,7 @@ from bayestissue.inference.points.notes import C_UNTOLD, K_MOSTLY_UNTOLD, K_UNTO
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single import impact_estimates as single_estimates
 from bayestissue.inference.single.impact_estimates import OUTCOME_COLUMNS
-from bayestissue.inference.single.posterior import POINTS, single_posteriors
+from bayestissue.inference.single.impact_posterior import POINTS, single_posteriors
 from bayestissue.mechanics.elements import outcomes
 from bayestissue.mechanics.elements.outcomes import OUTCOMES
 from bayestissue.model.hierarchy.specification import Formulas, read_specification

@@ -39,7 +39,7 @@ class ShownColumn(NamedTuple):
 
     Attributes:
         title: its heading.
-        form: how a cell is written: see `bayestissue.reports.pages.tables`.
+        form: how a cell is written: see `bayestissue.reports.pages.page_tables`.
         of: the columns of the file that a cell is made of.
         missing: what stands where they are empty.
         optional: whether the column is left out where all of its cells are empty.

@@ -97,6 +97,7 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
         for name in design.recorded.response(q).named_by:
             of_levels = f"a typical person at the reference mass, of each {name}"
             table |= _worded("design.level", stem=stem_of(name), level=of_levels, **words_of[q])
+            table |= _worded("design.named", stem=stem_of(name), column=name)
     for term in design.terms:
         for q, words in words_of.items():
             names = {"term": (term.coefficient if term.slope else term.effect)(q), "sd": term.sd(q)}

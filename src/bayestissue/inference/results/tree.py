@@ -52,7 +52,7 @@ def posterior_tree(
         dimensions=dimensions(prepared.design, prepared.data.record.errors, _columns(prepared)),
         attributes=design_attributes(prepared.design) | _column_attributes(prepared),
     )
-    whole, kept_numbers = prepared, draws.kept_numbers
+    whole, recorded, kept_numbers = prepared, prepared.design.recorded, draws.kept_numbers
     of_all_impacts = of_impacts = partial(put, coordinates=_coordinates(whole, kept_numbers))
     if kept_numbers is not None:
         prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
@@ -66,9 +66,10 @@ def posterior_tree(
     )
     log_likelihood, posterior = draws.log_likelihood, of_all_impacts(values)
     if whole.model.discrepancy:
-        people = np.array(whole.design.subjects)[whole.design.subject]
-        attributes = element_attributes()
-        together = comparable_draws(posterior[["K_secant"]], people)
+        groups = {"subject": np.array(whole.design.subjects)[whole.design.subject]}
+        groups |= {name: recorded.labels(name) for name in recorded.response("K").named_by}
+        attributes = element_attributes() | design_attributes(whole.design)
+        together = comparable_draws(posterior[["K_secant"]], groups)
         posterior = posterior.assign({n: v.assign_attrs(attributes[n]) for n, v in together.items()})
     groups = {
         "posterior": posterior,

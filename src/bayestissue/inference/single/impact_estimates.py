@@ -13,7 +13,7 @@ from bayestissue.base.errors import Coded, InputError
 from bayestissue.base.resources import shared
 from bayestissue.base.result import Say
 from bayestissue.inference.checking.findings import PEAK_MISSED
-from bayestissue.inference.checking.recording_checks import missed_peaks
+from bayestissue.inference.checking.recording_warnings import missed_peaks
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,
@@ -38,7 +38,7 @@ from bayestissue.inference.points.point_estimates import (
 )
 from bayestissue.inference.results.labels import outcome_column
 from bayestissue.inference.samplers.psis import k_threshold
-from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
+from bayestissue.inference.single.impact_posterior import POINTS, SinglePosteriors, single_posteriors
 from bayestissue.mechanics.elements.head_injury import LONGEST
 from bayestissue.mechanics.elements.outcomes import DECLARED, HEADFORM_OUTCOMES, NEVER
 from bayestissue.mechanics.oscillator import spring_damper_inverse, to_discrete

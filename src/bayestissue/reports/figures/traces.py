@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.reports.figures.study import points
+from bayestissue.reports.figures.study_comparisons import points
 from bayestissue.reports.figures.theme import (
     DASHED,
     DOTTED,

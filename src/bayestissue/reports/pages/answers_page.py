@@ -14,7 +14,7 @@ from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.reports.figures.intervals import intervals
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.pages.page import part, render_page
-from bayestissue.reports.pages.tables import Field, Table, shown, table_of
+from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of
 from bayestissue.reports.pages.wording import (
     FIRST_PREDICTED,
     PREDICTED,

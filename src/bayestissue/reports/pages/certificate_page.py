@@ -12,7 +12,7 @@ import pandas as pd
 from bayestissue.base.outline import markdown_rows
 from bayestissue.base.results.tables import read_table
 from bayestissue.reports.pages.page import render_page
-from bayestissue.reports.pages.tables import Field, Table, shown, tag
+from bayestissue.reports.pages.page_tables import Field, Table, shown, tag
 from bayestissue.reports.pages.wording import names_in, nouns_of
 
 TABLES = ("calibration", "ranks", "sensitivity", "checklists")

@@ -23,8 +23,8 @@ from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.reports.figures.intervals import intervals, with_error_of
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.pages.page import render_page
+from bayestissue.reports.pages.page_tables import Row, Table, columns, settings_table
 from bayestissue.reports.pages.posterior import best_explanations
-from bayestissue.reports.pages.tables import Row, Table, columns, settings_table
 from bayestissue.reports.pages.wording import (
     decimals,
     interval,

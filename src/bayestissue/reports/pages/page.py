@@ -18,7 +18,7 @@ from bayestissue.base.remedies import Code, entries
 from bayestissue.base.words import PLAIN, Words
 from bayestissue.reports.figures.browser import figure_json, library, library_script, packed
 from bayestissue.reports.figures.theme import Figure
-from bayestissue.reports.pages import tables
+from bayestissue.reports.pages import page_tables
 from bayestissue.reports.pages.wording import (
     half_width,
     likelihood_words,
@@ -157,6 +157,6 @@ def _environment() -> jinja2.Environment:
     for draw in (again, drawn):
         environment.filters[draw.__name__] = _in_the_pages_nouns(draw)
     environment.globals["script"] = script
-    environment.globals["tables"] = tables
+    environment.globals["tables"] = page_tables
     environment.globals["remedies"] = entries()
     return environment

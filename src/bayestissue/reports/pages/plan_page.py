@@ -15,13 +15,20 @@ from markupsafe import Markup
 from bayestissue.base.outline import numbers_in_short
 from bayestissue.base.remedies import codes_in
 from bayestissue.base.results.tables import read_table
-from bayestissue.reports.figures import study
+from bayestissue.reports.figures import study_comparisons
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.figures.theme import number as channel
 from bayestissue.reports.pages.page import render_page
+from bayestissue.reports.pages.page_settings import LIMITS
+from bayestissue.reports.pages.page_tables import (
+    Field,
+    Table,
+    declared_fields,
+    settings_table,
+    shown,
+    table_of,
+)
 from bayestissue.reports.pages.run_folder import read_json, require_files
-from bayestissue.reports.pages.settings import LIMITS
-from bayestissue.reports.pages.tables import Field, Table, declared_fields, settings_table, shown, table_of
 from bayestissue.reports.pages.wording import (
     nouns_of_plan,
     said,
@@ -132,7 +139,7 @@ def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Figure:
     )
     values = sorted(float(value) for value in rows[over].unique())
     ends = pd.DataFrame({over: [values[0], values[-1]], "answered": wanted, "line": "wanted"})
-    return study.points(
+    return study_comparisons.points(
         shown,
         channel(over, over, scale={"zero": False}, axis={"values": values}),
         channel("answered", f"assurance: {goal_name(goal)}", scale={"domain": [0, 1]}),
@@ -169,7 +176,7 @@ def people_and_repeats(
     rows = designs[(designs["goal"] == goal) & comparable]
     if min(rows["people"].nunique(), rows["repeats"].nunique()) < 2:
         return None
-    return study.shares(
+    return study_comparisons.shares(
         rows[["people", "repeats", "answered"]].rename(columns={"answered": "share"}).reset_index(drop=True),
         "people",
         "repeats",

@@ -12,11 +12,11 @@ from bayestissue.base.errors import Coded
 from bayestissue.inference.results.meanings import NAMES, SECANTS, TOGETHER, UNITS
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.reports.figures.intervals import intervals, quantiles
-from bayestissue.reports.figures.study import histogram
+from bayestissue.reports.figures.study_comparisons import histogram
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.pages.page import worded
+from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.run_folder import PosteriorRun
-from bayestissue.reports.pages.settings import LIMITS
 from bayestissue.reports.pages.wording import (
     Spread,
     likelihood_words,

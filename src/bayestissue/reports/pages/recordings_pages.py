@@ -21,8 +21,8 @@ from bayestissue.reports.figures.intervals import intervals
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.figures.traces import CONTACT, PEAK, TURN, against, panels, thinned
 from bayestissue.reports.pages.page import render_page
-from bayestissue.reports.pages.settings import LIMITS
-from bayestissue.reports.pages.tables import Row, Table, columns, frame_table
+from bayestissue.reports.pages.page_settings import LIMITS
+from bayestissue.reports.pages.page_tables import Row, Table, columns, frame_table
 
 # Time [ms] and value of each curve and event, by kind.
 type Panel = dict[str, tuple[Any, Any]]

@@ -227,7 +227,7 @@ def write_report(run_dir: Path) -> Path:
 _PAGES = {
     "published": ("thesis.pages.published_page", "published_page"),
     "estimates": ("studies.estimates", "estimates_page"),
-    "fit": ("reports.pages.fit.page", "fit_page"),
+    "fit": ("reports.pages.fit.fit_page", "fit_page"),
     "comparison": ("reports.pages.comparison", "comparison_page"),
     "plan": ("reports.pages.plan_page", "plan_page"),
     "certificate": ("reports.pages.certificate_page", "certificate_page"),

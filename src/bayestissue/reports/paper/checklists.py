@@ -10,7 +10,7 @@ import pandas as pd
 from bayestissue.base.declarations import declared
 from bayestissue.base.outline import markdown_rows
 from bayestissue.base.results.tables import table_of_rows
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.page import part, worded
 from bayestissue.reports.pages.posterior import prior_remark
 from bayestissue.reports.paper.text import Text

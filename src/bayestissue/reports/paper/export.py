@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bayestissue.reports.pages.fit.figures import published
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.paper import WIDTH_MM
 from bayestissue.reports.paper.checklists import checklists, checklists_markdown
 from bayestissue.reports.paper.documents import write_markdown, write_word

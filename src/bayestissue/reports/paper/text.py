@@ -19,8 +19,8 @@ from bayestissue.inference.checking.findings import findings
 from bayestissue.inference.results.meanings import TOGETHER, UNITS, meaning, outcome_name
 from bayestissue.mechanics.elements.outcomes import DECLARED
 from bayestissue.reports.pages.answers_page import question_lines
-from bayestissue.reports.pages.fit import answers, outcomes, study, words
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit import answers, level_outcomes, model_words, study_answers
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.sentences import said
 from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.posterior import QUANTITIES, exponent, levels, spread
@@ -73,11 +73,11 @@ def text_of(run: FitRun, asked: Study | None = None) -> Text:
     """
     text = Text(f"Methods and results: {run.record['dataset']}", nouns=run.nouns)
     text.add("Measurements", _measurements(run), _uncertainty(run), _left_out(run), _flags(run))
-    text.add("Model", f"{words.likelihood_words(run)} {words.signal_words(run)}", _formulas(run))
+    text.add("Model", f"{model_words.likelihood_words(run)} {model_words.signal_words(run)}", _formulas(run))
     text.add(
         "Computation",
         worded("methods", "computation", run, _verdict(run), text.cite),
-        outcomes.pictures_words(run),
+        level_outcomes.pictures_words(run),
     )
     verdict = run.record.get("verdict", {})
     sound = verdict.get("passed", True) and not verdict.get("warned") and not run.undescribed
@@ -92,15 +92,15 @@ def text_of(run: FitRun, asked: Study | None = None) -> Text:
         _levels(run),
         answers.averaged_sentence(run),
         _outcomes(run, asked) if asked else "",
-        *outcomes.best_words(run),
-        *(_comparison(run, contrast) for contrast in study.first_contrasts(run)),
+        *level_outcomes.best_words(run),
+        *(_comparison(run, contrast) for contrast in study_answers.first_contrasts(run)),
         _mass(run),
     )
     text.add("Questions", *(_answer(line) for line in question_lines(run.questions, len(run.questions))))
-    repeatability = study.reliability_words(run)
+    repeatability = study_answers.reliability_words(run)
     cited = f"Coefficients are named as by McGraw and Wong {text.cite('icc')}." if repeatability else ""
-    text.add("Repeatability", *repeatability, cited, study.another_day(run))
-    text.add("What the model can't tell", words.chain_words(run), *words.limits(run))
+    text.add("Repeatability", *repeatability, cited, study_answers.another_day(run))
+    text.add("What the model can't tell", model_words.chain_words(run), *model_words.limits(run))
     text.table = _table(run).map(run.nouns)
     return text
 
@@ -194,14 +194,14 @@ def _outcomes(run: FitRun, asked: Study) -> str:
     return said(
         "study.outcomes",
         who=_typical(run),
-        impact=study.impact_words(mass, velocity),
+        impact=study_answers.impact_words(mass, velocity),
         outcomes=listed(parts),
     )
 
 
 def _comparison(run: FitRun, contrast: Mapping[str, Any]) -> str:
     interaction = contrast["kind"] == INTERACTION
-    return worded("methods", "comparison", contrast, interaction, study.reference_words(run))
+    return worded("methods", "comparison", contrast, interaction, study_answers.reference_words(run))
 
 
 def _mass(run: FitRun) -> str:
@@ -243,9 +243,9 @@ def _table(run: FitRun) -> pd.DataFrame:
 
 
 _REPEATABILITY = {
-    (study.ICC, "ICC(C,1)", "1"): "ICC(C,1)",
-    (study.ICC, "ICC(A,1)", "1"): "ICC(A,1)",
-    (study.MDC, "repeat", "%"): "minimal detectable change (95 %), %",
+    (study_answers.ICC, "ICC(C,1)", "1"): "ICC(C,1)",
+    (study_answers.ICC, "ICC(A,1)", "1"): "ICC(A,1)",
+    (study_answers.MDC, "repeat", "%"): "minimal detectable change (95 %), %",
 }
 
 

@@ -22,7 +22,7 @@ from bayestissue.inference.answers.questions import Question, ask, numbered
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.recordings.dataset.left_out import FILE
 from bayestissue.reports.pages.answers_page import answered, question_lines
-from bayestissue.reports.pages.fit.page import page_of
+from bayestissue.reports.pages.fit.fit_page import page_of
 from bayestissue.reports.pages.page import assets
 from bayestissue.studies.bench.decisions import Decisions
 from bayestissue.studies.bench.views import page_file

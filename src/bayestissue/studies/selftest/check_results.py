@@ -17,7 +17,7 @@ from bayestissue.base import runtime
 from bayestissue.base.outline import markdown_rows
 from bayestissue.base.result import Say
 from bayestissue.base.results.tables import table_of_rows
-from bayestissue.reports.pages.tables import shown
+from bayestissue.reports.pages.page_tables import shown
 
 
 class Compared(NamedTuple):

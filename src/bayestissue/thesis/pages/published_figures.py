@@ -8,7 +8,7 @@ import pandas as pd
 from bayestissue.base.declarations import sentences
 from bayestissue.inference.results.meanings import COLUMNS, NAMES
 from bayestissue.recordings.dataset.published import PublishedTables
-from bayestissue.reports.figures import study
+from bayestissue.reports.figures import study_comparisons
 from bayestissue.reports.figures.impacts import MASS, axis_title, over_mass
 from bayestissue.reports.figures.intervals import intervals, quantiles
 from bayestissue.reports.figures.theme import Figure, number
@@ -118,7 +118,7 @@ def shrinkage_figure(run: PublishedRun, quantity: str) -> Figure:
     )
     ends = [published.min(), published.max()]
     lines = pd.DataFrame({"published": ends * 2, "posterior": [*ends, 0.0, 0.0]})
-    return study.points(
+    return study_comparisons.points(
         rows,
         number("published", f"published {quantity}, off a typical person's in the condition (%)"),
         number("posterior", f"posterior {quantity}, off the same (%)"),
@@ -151,7 +151,7 @@ def mass_plot(published: PublishedTables, quantity: Quantity) -> Figure:
     ends = np.array([0.0, 1.05 * table["mass_kg"].max()])
     refitted, line = straight_line(table).params, printed_line(published, quantity)
     lines = {_THESIS: line, "refitted": (refitted["const"], refitted["Mass"])}
-    return study.points(
+    return study_comparisons.points(
         pd.concat([impacts.assign(kind="impact"), averages.assign(kind=kinds)], ignore_index=True),
         number("mass_kg", MASS),
         number(column, axis_title(quantity)),

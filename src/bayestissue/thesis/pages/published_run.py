@@ -14,6 +14,7 @@ import xarray as xr
 from bayestissue.base.outline import counted
 from bayestissue.base.results.tables import read_tables
 from bayestissue.inference.results.meanings import UNITS
+from bayestissue.reports.pages.page_tables import Field, Row, Table, columns, shown, tag
 from bayestissue.reports.pages.posterior import QUANTITIES, spread
 from bayestissue.reports.pages.run_folder import (
     POSTERIOR_TABLES,
@@ -22,7 +23,6 @@ from bayestissue.reports.pages.run_folder import (
     read_json,
     require_files,
 )
-from bayestissue.reports.pages.tables import Field, Row, Table, columns, shown, tag
 from bayestissue.reports.pages.wording import listed, significant
 from bayestissue.thesis.audit.inconsistencies import SEVERITIES
 from bayestissue.thesis.reproduction.conditions import Quantity

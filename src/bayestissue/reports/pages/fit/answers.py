@@ -6,16 +6,17 @@ import numpy as np
 from markupsafe import Markup
 
 from bayestissue.inference.results.meanings import UNITS
-from bayestissue.reports.pages.fit.estimates import (
+from bayestissue.reports.pages.fit.fit_run import FitRun
+from bayestissue.reports.pages.fit.groups import differing_words
+from bayestissue.reports.pages.fit.method_agreement import (
     apparent_exponent,
     dds_ratio,
     mass_varies,
 )
-from bayestissue.reports.pages.fit.population import differing_words
-from bayestissue.reports.pages.fit.run import FitRun
 from bayestissue.reports.pages.fit.sentences import SENTENCES, said
-from bayestissue.reports.pages.fit.study import equivalence, first_contrasts
+from bayestissue.reports.pages.fit.study_answers import equivalence, first_contrasts
 from bayestissue.reports.pages.page import worded
+from bayestissue.reports.pages.page_settings import LIMITS, WORTH
 from bayestissue.reports.pages.posterior import (
     COMMON_DEPTH,
     CONSTANT,
@@ -30,7 +31,6 @@ from bayestissue.reports.pages.posterior import (
     spread,
     sureness,
 )
-from bayestissue.reports.pages.settings import LIMITS, WORTH
 from bayestissue.reports.pages.wording import Spread, listed, percent, relative, significant
 
 
@@ -100,12 +100,14 @@ def of_each_level(run: FitRun, quantity: str) -> tuple[str, ...]:
 
     Their mean is nobody's.
     """
-    rows = run.levels[run.levels["quantity"] == quantity]
-    if run.people_count > 1 or run.element_alone or rows.empty:
+    factor = next(iter(run.levels["factor"]), "")
+    variable = run.of_levels(quantity, factor)
+    if run.people_count > 1 or not variable:
         return ()
-    leading = rows[rows["factor"] == rows["factor"].iloc[0]]
-    shown = (f"{one.level}\N{NO-BREAK SPACE}{significant(one.median)}" for one in leading.itertuples())
-    return ", ".join(shown), relative(float(np.sqrt((leading["high"] / leading["low"]).max()) - 1))
+    spreads = [spread(draws) for draws in run.draws(variable).T]
+    labels = zip(run.labels(factor), spreads, strict=True)
+    shown = (f"{label}\N{NO-BREAK SPACE}{significant(one.median)}" for label, one in labels)
+    return ", ".join(shown), relative(max(one.factor for one in spreads))
 
 
 def only_impact(run: FitRun, quantity: str) -> Spread:

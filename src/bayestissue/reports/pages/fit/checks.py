@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.sentences import said
 from bayestissue.reports.pages.page import worded
+from bayestissue.reports.pages.page_settings import LIMITS, WORTH
+from bayestissue.reports.pages.page_tables import Field, Row, Table, columns, number_field, shown, table_of
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.settings import LIMITS, WORTH
-from bayestissue.reports.pages.tables import Field, Row, Table, columns, number_field, shown, table_of
 from bayestissue.reports.pages.wording import digits, listed, number, percent, relative
 
 _ERRORS = {

@@ -12,10 +12,10 @@ import pandas as pd
 from bayestissue.reports.figures.browser import by_column, packed
 from bayestissue.reports.figures.impacts import factors
 from bayestissue.reports.figures.traces import BANDS
-from bayestissue.reports.pages.fit.estimates import evenly_spaced
-from bayestissue.reports.pages.fit.run import FitRun
-from bayestissue.reports.pages.fit.traces import trace_rows
-from bayestissue.reports.pages.settings import LIMITS
+from bayestissue.reports.pages.fit.fit_run import FitRun
+from bayestissue.reports.pages.fit.method_agreement import evenly_spaced
+from bayestissue.reports.pages.fit.trace_predictions import trace_rows
+from bayestissue.reports.pages.page_settings import LIMITS
 
 # Numbers of recordings and of their bands in one page: some 6 MB of it.
 MOST_VALUES = 2_500_000

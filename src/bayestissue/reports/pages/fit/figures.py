@@ -12,22 +12,23 @@ import pandas as pd
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, TOGETHER, UNITS
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.reports.figures import impacts as of_impacts
-from bayestissue.reports.figures import study
+from bayestissue.reports.figures import study_comparisons
 from bayestissue.reports.figures import traces as of_traces
 from bayestissue.reports.figures.impacts import axis_title
 from bayestissue.reports.figures.intervals import ENDS, intervals, quantiles, with_ranks
 from bayestissue.reports.figures.theme import HEIGHT, Figure
-from bayestissue.reports.pages.fit import answers, outcomes, traces
-from bayestissue.reports.pages.fit.estimates import (
+from bayestissue.reports.pages.fit import answers, level_outcomes, trace_predictions
+from bayestissue.reports.pages.fit.fit_run import FitRun
+from bayestissue.reports.pages.fit.groups import OwnSlope, groupings, own_slopes
+from bayestissue.reports.pages.fit.method_agreement import (
     TITLE,
     apparent_exponent,
     mass_varies,
     method_values,
     shown_rows,
 )
-from bayestissue.reports.pages.fit.population import OwnSlope, groupings, own_slopes
-from bayestissue.reports.pages.fit.run import FitRun
 from bayestissue.reports.pages.fit.sentences import said
+from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.posterior import (
     QUANTITIES,
     exponent_figure,
@@ -35,7 +36,6 @@ from bayestissue.reports.pages.posterior import (
     mass_curve,
     typical_draws,
 )
-from bayestissue.reports.pages.settings import LIMITS
 
 
 def impacts(run: FitRun, x: str = "C", y: str = "K") -> Figure:
@@ -141,7 +141,7 @@ def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
     else:
         values = np.exp(np.log(rows["median"]).groupby(rows["level"]).mean())
         means = values.rename_axis("level").reset_index().assign(eti90_low=np.nan, eti90_high=np.nan)
-    return study.paired(
+    return study_comparisons.paired(
         rows[["person", "level", "median", "eti90_low", "eti90_high"]],
         means[["level", "median", "eti90_low", "eti90_high"]],
         factor,
@@ -174,7 +174,7 @@ def repeats(run: FitRun, quantity: str) -> pd.DataFrame:
 
 def repeatability(run: FitRun, quantity: str = "K") -> Figure:
     """Successive measurements of one person: their ratio over their mean, with 95 % limits of agreement."""
-    return study.agreement(
+    return study_comparisons.agreement(
         repeats(run, quantity),
         f"geometric mean {quantity} of the two ({UNITS[quantity]})",
         "second over first",
@@ -194,7 +194,8 @@ def methods(run: FitRun, quantity: str) -> Figure:
         }
     )
     words = said("figures.methods", q=quantity, title=TITLE)
-    return study.agreement(shown_rows(rows), f"geometric mean {quantity} ({UNITS[quantity]})", TITLE, words)
+    mean = f"geometric mean {quantity} ({UNITS[quantity]})"
+    return study_comparisons.agreement(shown_rows(rows), mean, TITLE, words)
 
 
 def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
@@ -270,20 +271,20 @@ def _of(level: str) -> str:
 def recording(run: FitRun, impact: str | None = None) -> Figure:
     """What was recorded of one impact over what is predicted of it; the median one by K unless given."""
     names = [run.impacts[row] for row in run.predicted]
-    index = traces.middle_impact(run) if impact is None else names.index(impact)
-    rows, (unit, _) = traces.trace_rows(run, index), traces.SCALES[run.shown]
+    index = trace_predictions.middle_impact(run) if impact is None else names.index(impact)
+    rows, (unit, _) = trace_predictions.trace_rows(run, index), trace_predictions.SCALES[run.shown]
     return of_traces.recording(rows, run.shown, unit, said("figures.recording", shown=run.shown))
 
 
 def recorded_force(run: FitRun) -> Figure:
     """The force of one impact over what is predicted of it."""
-    index = traces.force_impact(run)
-    rows, (unit, _) = traces.trace_rows(run, index, what="force"), traces.SCALES["force"]
+    index = trace_predictions.force_impact(run)
+    rows, unit = trace_predictions.trace_rows(run, index, what="force"), trace_predictions.SCALES["force"][0]
     words = said("figures.force", impact=run.impacts[run.predicted[index]])
     return of_traces.recording(rows, "force", unit, words)
 
 
-def residual_figures(run: FitRun, left: traces.Residuals) -> list[Figure]:
+def residual_figures(run: FitRun, left: trace_predictions.Residuals) -> list[Figure]:
     """Of the residuals: the p-values where they were tested, and the autocorrelation at lag 1."""
     return [*([residual_p(run)] if run.tested else []), lag_one(run, left)]
 
@@ -291,10 +292,10 @@ def residual_figures(run: FitRun, left: traces.Residuals) -> list[Figure]:
 def residual_p(run: FitRun) -> Figure:
     """Sorted p-values of the residuals of every impact being the model's noise."""
     tested = np.array(list(run.tested.values()))
-    return of_traces.sorted_p(tested, traces.STRUCTURED, said("figures.residual_p"))
+    return of_traces.sorted_p(tested, trace_predictions.STRUCTURED, said("figures.residual_p"))
 
 
-def lag_one(run: FitRun, left: traces.Residuals) -> Figure:
+def lag_one(run: FitRun, left: trace_predictions.Residuals) -> Figure:
     """Autocorrelation at lag 1 of each impact's residuals, and of data made by the model."""
     names = np.array(run.impacts)[left.which]
     rows = left.lag_one.drop(columns="inside").rename(columns={"measured": "recorded"}).assign(impact=names)
@@ -318,7 +319,7 @@ def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
         yield f"{q}-of-impacts", partial(impacts, run, "order", q)
     yield "K-over-C", partial(impacts, run)
     yield "recording", partial(recording, run)
-    yield from outcomes.published(run)
+    yield from level_outcomes.published(run)
     for coefficient in own_slopes(run):
         yield coefficient.name, partial(slope, run, coefficient)
 
@@ -356,6 +357,6 @@ class Plots:
     exponent = _bound(exponent)
     spreads = _bound(spreads)
     recording = _bound(recording)
-    loops = _bound(outcomes.loops)
-    curves = _bound(outcomes.curves)
-    ranks = _bound(outcomes.ranks)
+    loops = _bound(level_outcomes.loops)
+    curves = _bound(level_outcomes.curves)
+    ranks = _bound(level_outcomes.ranks)

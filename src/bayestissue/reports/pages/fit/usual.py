@@ -10,10 +10,10 @@ from jaxtyping import Float64
 
 from bayestissue.base.literature import FACTOR, MEASURED, Comparable, Measurement, Range, comparable
 from bayestissue.inference.results.meanings import COLUMNS, OUTCOME_COLUMNS, outcome_name
-from bayestissue.reports.pages.fit.outcomes import quantity_title, scaled
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
+from bayestissue.reports.pages.fit.level_outcomes import quantity_title, scaled
 from bayestissue.reports.pages.page import worded
-from bayestissue.reports.pages.tables import Field, Table, table_of
+from bayestissue.reports.pages.page_tables import Field, Table, table_of
 from bayestissue.reports.pages.wording import significant
 
 # Of an impact, what means the same for every element, where its own has it.

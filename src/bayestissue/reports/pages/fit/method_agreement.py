@@ -12,10 +12,10 @@ import pandas as pd
 
 from bayestissue.inference.answers.reliability import agreement
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
+from bayestissue.reports.pages.page_settings import LIMITS, WORTH
+from bayestissue.reports.pages.page_tables import Field, Table, number_field, shown, table_of
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.settings import LIMITS, WORTH
-from bayestissue.reports.pages.tables import Field, Table, number_field, shown, table_of
 from bayestissue.reports.pages.wording import Spread, digits, percent
 
 # What `agreement_table` has the ratio of.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.posterior import group_words, spread, without_zero
 from bayestissue.reports.pages.wording import listed

@@ -19,13 +19,13 @@ from bayestissue.inference.results.meanings import (
 )
 from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
 from bayestissue.recordings.dataset.impact_table import SESSIONS
-from bayestissue.reports.pages.fit.population import groupings
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
+from bayestissue.reports.pages.fit.groups import groupings
 from bayestissue.reports.pages.fit.sentences import said
 from bayestissue.reports.pages.page import worded
+from bayestissue.reports.pages.page_settings import LIMITS
+from bayestissue.reports.pages.page_tables import Field, Row, Table, columns, shown, table_of
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.settings import LIMITS
-from bayestissue.reports.pages.tables import Field, Row, Table, columns, shown, table_of
 from bayestissue.reports.pages.wording import (
     Spread,
     listed,

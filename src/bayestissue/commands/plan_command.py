@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def _of_plan(plan: Plan) -> Iterator[Shown]:
     from bayestissue.base.outline import numbers_in_short
     from bayestissue.commands.console import Grid
-    from bayestissue.reports.pages.tables import Row, Table, columns
+    from bayestissue.reports.pages.page_tables import Row, Table, columns
     from bayestissue.reports.pages.wording import nouns_of_plan, with_error
     from bayestissue.studies.planning.plan_words import duration
 

@@ -11,10 +11,10 @@ from jaxtyping import Bool, Float
 
 from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.reports.figures.traces import BANDS
-from bayestissue.reports.pages.fit.estimates import evenly_spaced
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
+from bayestissue.reports.pages.fit.method_agreement import evenly_spaced
 from bayestissue.reports.pages.fit.sentences import said
-from bayestissue.reports.pages.settings import LIMITS
+from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.wording import percent
 
 STRUCTURED = 0.01

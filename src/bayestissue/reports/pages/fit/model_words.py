@@ -10,10 +10,10 @@ import pandas as pd
 
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.reports.pages.fit.answers import depth_words, has_common_depth
-from bayestissue.reports.pages.fit.estimates import COVERAGE
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
+from bayestissue.reports.pages.fit.method_agreement import COVERAGE
 from bayestissue.reports.pages.fit.sentences import SENTENCES, said
-from bayestissue.reports.pages.tables import Field, Table, table_of
+from bayestissue.reports.pages.page_tables import Field, Table, table_of
 from bayestissue.reports.pages.wording import percent
 
 _MEASURED = files("bayestissue.reports.pages.fit").joinpath("coverage.csv")

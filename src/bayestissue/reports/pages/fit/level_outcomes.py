@@ -13,18 +13,18 @@ from markupsafe import Markup
 from bayestissue.inference.answers.law import fall_height
 from bayestissue.inference.results.meanings import UNITS, outcome_name
 from bayestissue.mechanics.elements.outcomes import DECLARED
-from bayestissue.reports.figures import outcomes as drawn
+from bayestissue.reports.figures import force_curves as drawn
 from bayestissue.reports.figures.intervals import intervals
 from bayestissue.reports.figures.theme import Figure, number
 from bayestissue.reports.pages.fit.answers import person_words
-from bayestissue.reports.pages.fit.estimates import evenly_spaced
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
+from bayestissue.reports.pages.fit.method_agreement import evenly_spaced
 from bayestissue.reports.pages.fit.sentences import said
-from bayestissue.reports.pages.fit.study import FIRST_OUTCOME as FIRST
-from bayestissue.reports.pages.fit.study import impact_words, leading_levels
+from bayestissue.reports.pages.fit.study_answers import FIRST_OUTCOME as FIRST
+from bayestissue.reports.pages.fit.study_answers import impact_words, leading_levels
+from bayestissue.reports.pages.page_settings import LIMITS
+from bayestissue.reports.pages.page_tables import Field, table_of
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.settings import LIMITS
-from bayestissue.reports.pages.tables import Field, table_of
 from bayestissue.reports.pages.wording import Spread, likelihood_words, listed, probability
 
 

@@ -196,7 +196,7 @@ class FitRun(PosteriorRun):
         """The variable of K (or C, or another) of the tissue in each level of a grouping; else empty."""
         name = f"{quantity}_{stem_of(level)}"
         if quantity == "K" and self.element_alone:
-            name = "K_secant_of_subject" if level == "subject" else ""
+            name = f"K_secant_of_{stem_of(level)}"
         return name if self.has(name) else ""
 
     @cached_property

@@ -15,23 +15,23 @@ from bayestissue.reports.pages import answers_page, posterior
 from bayestissue.reports.pages.fit import (
     answers,
     checks,
-    estimates,
     explorer,
     figures,
-    outcomes,
-    population,
-    study,
-    traces,
+    groups,
+    level_outcomes,
+    method_agreement,
+    model_words,
+    study_answers,
+    trace_predictions,
     usual,
-    words,
 )
-from bayestissue.reports.pages.fit.run import FitRun
+from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.page import render_page
 
 # What the template calls for the words, tables and figures of a section, by the modules' names.
 _MODULES = (
-    *(answers, answers_page, checks, estimates, explorer, figures, outcomes),
-    *(population, posterior, study, traces, usual, words),
+    *(answers, answers_page, checks, method_agreement, explorer, figures, level_outcomes),
+    *(groups, posterior, study_answers, trace_predictions, usual, model_words),
 )
 _SECTIONS: dict[str, Any] = {module.__name__.rpartition(".")[2]: module for module in _MODULES}
 
@@ -69,7 +69,7 @@ def page_of(run: FitRun, **served: Any) -> str:
         one_impact=ONE_IMPACT,
         terms_left_out=terms_left_out,
         factors=factors(run.impacts_table),
-        residuals=traces.residuals(run),
+        residuals=trace_predictions.residuals(run),
         exponent_plots=[
             figures.exponent(run, quantity)
             for quantity in dict.fromkeys((*answers.answering(run).values(), posterior.OWN_DEPTH))
