@@ -26,8 +26,11 @@ from gaussian_traces import GaussianTarget, bad_tuning, from_prior, prepared, ta
 
 PEOPLE = {"subject": list("aabb"), "trial": ["x", "y"] * 2, "mass_kg": [0.5, 1.0] * 2}
 THRICE = {"subject": list("aaabbb"), "trial": list("xyz") * 2, "mass_kg": [0.5, 0.8, 1.2] * 2}
+# No grouping: all effects are of one level.
+PADS = {"subject": ["tower"] * 4, "pad": ["A", "A", "B", "C"], "mass_kg": [5.0] * 4}
 STRUCTURES: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "one impact": ("1", {"subject": ["a"], "mass_kg": [0.8]}, {}),
+    "pads": ("pad", PADS, {}),
     "people": ("log(mass_kg) + (1|subject)", PEOPLE, {}),
     "slopes": ("log(mass_kg) + (log(mass_kg)|subject) + (1|trial)", THRICE, {}),
     "a person's mass": ("(1|subject)", PEOPLE, {"mass_error": "subject"}),
@@ -92,8 +95,6 @@ def test_a_move_leaves_the_joint_law_as_it_is(structure, name, several):
         pytest.skip("asks for no site")
     made = prepared(K, table, **model)
     here = some_of(made, LEFT.get(structure, np.arange(len(made.impacts))))
-    if name == "by_level" and not len(target_of(here).level_effects):
-        pytest.skip("has no levels")
     z = z_scores(target_of(here), name, several, 4000, 5)
     moved = z[z != 0]
     assert len(moved) > 3
@@ -101,9 +102,12 @@ def test_a_move_leaves_the_joint_law_as_it_is(structure, name, several):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["by_population", "by_level", "centred"])
-def test_a_move_of_people_leaves_the_joint_law_as_it_is(name):
-    K, table, model = STRUCTURES["people"]
+@pytest.mark.parametrize(
+    ("structure", "name"),
+    [*(("people", name) for name in ("by_population", "by_level", "centred")), ("pads", "by_level")],
+)
+def test_a_move_of_the_population_leaves_the_joint_law_as_it_is(structure, name):
+    K, table, model = STRUCTURES[structure]
     z = z_scores(target_of(prepared(K, table, **model)), name, 1, 1000, 3)
     moved = z[z != 0]
     assert np.abs(moved).max() < norm.isf(FALSE_ALARM / 2 / len(moved))

@@ -80,7 +80,7 @@ class Target:
         present: which of them there are.
         shown: numbers of those that everything is kept of.
         groups: of each grouping of the design, the level of every impact.
-        level: of the grouping that is eliminated first, likewise.
+        level: of the grouping that is eliminated first, likewise; of a design without one all are of one.
         level_present: which of these levels have impacts.
         levels: how many levels each has.
     """
@@ -104,7 +104,7 @@ class Target:
         shown = np.arange(len(present)) if all_kept(count) else some_impacts(count)
         design = data.design
         level = np.asarray(design.level)[np.asarray(design.cell) // design.inner[0].shape[2]]
-        level_present = np.isin(np.arange(design.inner_element[0].shape[1]), level[present])
+        level_present = np.isin(np.arange(max(design.inner_element[0].shape[1], 1)), level[present])
         return cls(
             prepared.model,
             jax.tree.map(jnp.asarray, data),
@@ -118,8 +118,13 @@ class Target:
 
     @property
     def level_effects(self) -> Int[Array, "inner level"]:
-        """Elements of b of each level of the grouping that is eliminated first; one past the last: none."""
-        return jnp.concatenate(self.data.design.inner_element)
+        """Elements of b of each level of the grouping that is eliminated first; one past the last: none.
+
+        Of a design without groupings all of b is one level's: an effect on a parameter that its traces leave
+        open moves with these impacts, where their sites have no such tail.
+        """
+        of_levels = jnp.concatenate(self.data.design.inner_element)
+        return of_levels if len(of_levels) else jnp.arange(len(self.data.location_mean))[:, None]
 
     @property
     def parts(self) -> int:
