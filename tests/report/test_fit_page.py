@@ -64,7 +64,9 @@ def test_the_first_screen_has_two_pictures_of_k_and_of_c_each_with_its_sentence(
     for question in ("What are K and C?", "Is the dependence on mass real?"):
         assert question in first
     of_whom, of_mass = sentences(html, "K")
-    who = r"A new person’s K is \d+ to \d+ N/m nine times in ten \(shaded\)\."
+    who = (
+        r"People differ by ±\d+\s% \(sd\); a new person’s K is \d+ to \d+ N/m nine times in ten \(shaded\)\."
+    )
     assert re.fullmatch(who, of_whom)
     assert re.match(r"K is almost certainly independent of the mass: exponent −?0\.0\d+ \(−", of_mass)
     assert [len(sentences(html, q)) for q in "KC"] == [2, 2]
@@ -195,7 +197,7 @@ def test_recorded_displacement_of_one_mass_gets_a_page(tmp_path):
     )
     assert "Measured displacement of an impact" in html
     assert "Measured less predicted:" not in plain(html)
-    assert "never varies" in plain(html)
+    assert "One mass only" in plain(html)
     assert "the thesis’s method" not in plain(first_screen(html))
     assert "How do impacts differ?" in first_screen(html)
     assert "is known to ±" in sentences(html, "K")[1]

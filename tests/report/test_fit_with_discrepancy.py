@@ -133,7 +133,7 @@ def test_an_answer_of_the_element_s_k_says_so_on_the_first_screen() -> None:
     table = table_of_rows("questions", [{"question": "K", "name": "", "unit": "", **row} for row in rows])
     beside = [line["beside"] for line in question_lines(table)]
     assert beside == [
-        f"before the data 0.50; {ELEMENT_ALONE}",
+        f"prior 0.50; {ELEMENT_ALONE}",
         f"1100 to 1300; {ELEMENT_ALONE}",
         "1100 to 1300",
     ]

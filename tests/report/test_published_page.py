@@ -50,7 +50,7 @@ def test_the_first_screen_begins_with_what_was_found_and_doubts_k_and_c_last(htm
     first = first_screen(html)
     found = re.search(r"K repeats the mass: K ∝ M<sup>0\.9\d+</sup>", first)
     picture, audit = first.index('data-name="K-over-mass"'), first.index("What else the audit found")
-    doubt = first.index("if they measured the tissue: the audit doubts it")
+    doubt = first.index("Do not use these K and C as the tissue’s.")
     values = re.search(r"K = <b>\d+\.\d+</b> N/m", first)
     assert found.start() < picture < audit < doubt < values.start()
     assert html.count(values[0]) == 1

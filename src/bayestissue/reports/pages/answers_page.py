@@ -55,7 +55,7 @@ def _line(rows: Sequence[dict[str, Any]]) -> dict[str, str]:
         detail += f" ({interval(row['low'], row['high'])})"
     elif pd.notna(row["posterior"]):
         answer = f"probability {probability(row['posterior'])}"
-        detail = f"before the data {probability(row['prior'])}" if pd.notna(row["prior"]) else row["note"]
+        detail = f"prior {probability(row['prior'])}" if pd.notna(row["prior"]) else row["note"]
     elif pd.notna(row["median"]):
         answer, detail = _value(row), interval(row["low"], row["high"])
     else:

@@ -70,9 +70,9 @@ def constant_frequency_finding(run: PublishedRun) -> int | None:
     return int(rows[0]) if len(rows) else None
 
 
-def doubt_words(run: PublishedRun) -> str:
-    """What the audit says of it that the published figures measure the tissue."""
-    return "doubts" if (run.audit["severity"] == "major").any() else "does not doubt"
+def doubts(run: PublishedRun) -> bool:
+    """Whether the audit doubts that the published figures measure the tissue."""
+    return bool((run.audit["severity"] == "major").any())
 
 
 def people_sentence(run: PublishedRun) -> str:

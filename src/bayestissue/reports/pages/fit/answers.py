@@ -135,7 +135,8 @@ def who_sentence(run: FitRun, quantity: str) -> str:
             near = percent(equivalence(run))
             new = not level.these and not of_each_level(run, quantity)
             return worded("fit", "who_differs", level, words, contrast, near, (SURE, new, shaded))
-    return worded("fit", "who", level, words, shaded)
+    between = next(row for row in sureness(run) if row["quantity"] == level.quantity).get("subject", "")
+    return worded("fit", "who", level, words, shaded, between)
 
 
 def scatter_sentence(run: FitRun, quantity: str) -> str:

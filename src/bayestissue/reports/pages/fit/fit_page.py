@@ -55,12 +55,12 @@ def page_of(run: FitRun, **served: Any) -> str:
     untried = untried_words(record.get("columns_not_used", []))
     terms_left_out = left_out_words(record.get("terms_left_out", []))
     # Of the first screen's warnings, the verdict's first; columns in no formula have a note there.
-    first_codes = [*warned_codes(run.diagnostics), *codes_of([terms_left_out, *one_alone])]
+    first_codes = [*warned_codes(run.diagnostics), *codes_of(one_alone or [terms_left_out])]
     return render_page(
         "fit.html",
         nouns=run.nouns,
         first_codes=first_codes,
-        codes=[*first_codes, *codes_of([*untried, prior_remark])],
+        codes=[*first_codes, *codes_of([terms_left_out, *untried, prior_remark])],
         run=run,
         record=record,
         model=model,
