@@ -5,7 +5,8 @@
 
 Seconds of the processor in this process, which other work on the machine changes less than the clock's.
 A stage that lies within another counts for itself alone, so that the column adds up to the whole. The first
-run on a machine compiles as well: run it twice.
+run on a machine compiles as well: run it twice. Last is what a transition of one chain takes with the traces
+at a few nodes, as the chains have them, and with all of their samples, in turns.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +51,8 @@ STUDY = (
     # The name of contrasts' table is that of its part of a page too.
     *STAGES["reports.pages.fit.study_answers"],
 )
+# Segments of a chain by each way, the first of which compiles.
+TURNS = 11
 spent: dict[str, float] = {}
 with_all_within: dict[str, float] = {}
 _within: list[float] = []
@@ -107,6 +111,44 @@ def _time_stages() -> None:
                 setattr(module, name, wrapped[id(value)][1])
 
 
+def of_transitions(dataset: Path, model: str) -> str:
+    """Milliseconds of a transition of one chain, at nodes and of all samples, the least of several turns."""
+    import jax
+    import jax.numpy as jnp
+    import numpy as np
+
+    from bayestissue.base.padding import padded_impacts
+    from bayestissue.inference.chain.chain_settings import ChainSettings
+    from bayestissue.inference.chain.draws import _advanced
+    from bayestissue.inference.chain.target import Target
+    from bayestissue.inference.chain.warm_up import begin
+    from bayestissue.inference.factors.expansions import expanded
+    from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+    from bayestissue.model.hierarchy.specification import read_specification
+    from bayestissue.model.hierarchy.trace_data import prepare
+    from bayestissue.recordings.dataset import read_dataset
+
+    prepared = prepare(read_dataset(dataset), read_specification(Path(model)), source=model)
+    target, settings = Target.from_prepared(prepared), ChainSettings.of_size(len(prepared.impacts))
+    if target.compressed is None:
+        return "these traces are not compressed"
+    sites = padded_impacts(expanded(prepared))
+    of_all = GaussianFactor(*(jnp.asarray(leaf)[None] for leaf in sites))
+    start = begin(target, of_all, 1, np.random.default_rng(0))
+    carried, key = (start.states[0], start.steps[0]), jax.random.PRNGKey(0)
+    ways = {"nodes": target, "all samples": replace(target, compressed=None)}
+    least = dict.fromkeys(ways, float("inf"))
+    for turn in range(TURNS):
+        for name, one in ways.items():
+            begun = time.process_time()
+            jax.block_until_ready(_advanced(one, settings, start.tuning, carried, key, 0.0))
+            if turn:
+                least[name] = min(least[name], (time.process_time() - begun) / settings.segment)
+    ratio = least["all samples"] / least["nodes"]
+    figures = ", ".join(f"{name} {1e3 * seconds:.3f} ms" for name, seconds in least.items())
+    return f"a transition: {figures}, {ratio:.2f} times"
+
+
 def main(dataset: str = "data/example", model: str = "models/impact.toml") -> None:
     """Fit, and print what each stage took."""
     _time_imports()
@@ -124,6 +166,7 @@ def main(dataset: str = "data/example", model: str = "models/impact.toml") -> No
     print(f"{'together':26}{sum(spent.values()):7.2f}")
     study = sum(with_all_within.get(name, 0.0) for name in STUDY)
     print(f"of that, what a study asks (with figures): {study:.2f}")
+    print(of_transitions(Path(dataset), model))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,6 @@
-"""The kernel of spring and damper side by side against dense normals and the general way."""
+"""Decelerations on a spring and damper side by side against dense normals."""
 
 from __future__ import annotations
-
-from dataclasses import replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +15,6 @@ from bayestissue.mechanics.elements.element import GRAVITY as ALONG
 from bayestissue.mechanics.oscillator import impact_motion
 from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.model.likelihood.element.spring_damper import log_likelihood
 
 RNG = np.random.default_rng(11)
 LENGTHS = np.array([50, 3, 31, 22, 40])
@@ -80,13 +76,15 @@ def spring_and_damper(omega_n: jax.Array, zeta: jax.Array) -> jax.Array:
     return jnp.stack([omega_n**2, 2 * zeta * omega_n])
 
 
-def measured() -> MeasuredImpact:
-    return MeasuredImpact(TISSUE, spring_and_damper(*AT[:2]), NoiseParameters(AT[2]), RECORD)
+def measured(*parts: jax.Array, record: DecelerationRecord = RECORD) -> MeasuredImpact:
+    """At omega_n, zeta and log sigma; those of the record unless given."""
+    omega_n, zeta, log_sigma = parts or AT
+    return MeasuredImpact(TISSUE, spring_and_damper(omega_n, zeta), NoiseParameters(log_sigma), record)
 
 
 @jax.jit
 def densities(*parts: jax.Array) -> jax.Array:
-    return log_likelihood(*parts, RECORD)
+    return measured(*parts).log_density()
 
 
 slopes_of = jax.jit(jax.grad(lambda *parts: densities(*parts).sum(), argnums=(0, 1, 2)))
@@ -94,15 +92,8 @@ slopes_of = jax.jit(jax.grad(lambda *parts: densities(*parts).sum(), argnums=(0,
 
 @jax.jit
 def density_of(value: jax.Array) -> jax.Array:
-    """Of any traces, by the way that serves every element."""
-    record = RECORD.with_traces(value)
-    return in_general(spring_and_damper(*AT[:2]), NoiseParameters(AT[2]), record)
-
-
-def in_general(parameters: jax.Array, noise: NoiseParameters, record: DecelerationRecord) -> jax.Array:
-    """Log densities by the way that serves every element."""
-    event = MeasuredImpact(TISSUE, parameters, noise, record)
-    return event.cells(event.response()).log_density[0]
+    """Of any traces."""
+    return measured(record=RECORD.with_traces(value)).log_density()
 
 
 def dense_log_density(value: np.ndarray) -> list[float]:
@@ -130,8 +121,6 @@ def test_density_is_that_of_the_dense_normal() -> None:
     assert_allclose(densities(*AT), dense_log_density(np.asarray(RECORD.d)), rtol=1e-6)
     other = 1.1 * np.asarray(RECORD.d)
     assert_allclose(density_of(other), dense_log_density(other), rtol=1e-6)
-    of_other = replace(measured(), record=RECORD.with_traces(other))
-    assert_allclose(of_other.log_density(), density_of(other), rtol=1e-10)
 
 
 def test_density_by_the_motion_itself() -> None:
@@ -172,21 +161,6 @@ def test_slopes_are_central_differences() -> None:
         )
         # Third derivatives times step squared, and rounding of a density of some hundreds over the step.
         assert_allclose(slope, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-13 * 500 / step.min())
-
-
-@pytest.mark.slow
-def test_slopes_in_closed_form_are_those_of_the_plain_path() -> None:
-    @jax.jit
-    @partial(jax.value_and_grad, argnums=(0, 1, 2), has_aux=True)
-    def plain(*parts: jax.Array) -> tuple[jax.Array, jax.Array]:
-        found = in_general(spring_and_damper(*parts[:2]), NoiseParameters(parts[2]), RECORD)
-        return found.sum(), found
-
-    (_, found), slopes = plain(*AT)
-    assert_allclose(densities(*AT), found, rtol=1e-12)
-    for fast, slow in zip(slopes_of(*AT), slopes, strict=True):
-        # Both are differences of sums over some tens of samples, the greatest of which set the rounding.
-        assert_allclose(fast, slow, rtol=1e-9, atol=1e-11 * np.abs(slow).max())
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float, Int
 from bayestissue.base.padding import bucket, padded_impacts
 from bayestissue.inference.execution.kept import all_kept, some_impacts
 from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.gaussian.arrangement import expected, expected_by_cell
 from bayestissue.model.hierarchy.gaussian.covariances import Covariances
 from bayestissue.model.hierarchy.gaussian.effects import (
@@ -37,8 +38,10 @@ from bayestissue.model.hierarchy.trace_models import (
     TraceModel,
     added_mass_of,
     hyperparameters_at,
+    impact_likelihood,
     log_likelihood,
 )
+from bayestissue.model.likelihood.element.compressed import CompressedTraces, log_density, within
 
 LEAST = 1e-4
 _MOST_CORRELATION = 1 - 1e-9
@@ -66,7 +69,7 @@ class ConditionalEffects(NamedTuple):
     log_density: Float[Array, ""]
 
 
-FIELDS = ["model", "data", "present", "shown", "groups", "level", "level_present"]
+FIELDS = ["model", "data", "compressed", "present", "shown", "groups", "level", "level_present"]
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=FIELDS, meta_fields=["levels"])
@@ -77,6 +80,7 @@ class Target:
     Attributes:
         model: what is assumed.
         data: the traces and the design, as many impacts as a `bucket` holds.
+        compressed: the traces at a few nodes, if these can be.
         present: which of them there are.
         shown: numbers of those that everything is kept of.
         groups: of each grouping of the design, the level of every impact.
@@ -87,6 +91,7 @@ class Target:
 
     model: TraceModel
     data: TraceData
+    compressed: CompressedTraces | None
     present: Bool[Array, " impact"]
     shown: Int[Array, " shown"]
     groups: tuple[Int[Array, " impact"], ...]
@@ -108,6 +113,7 @@ class Target:
         return cls(
             prepared.model,
             jax.tree.map(jnp.asarray, data),
+            CompressedTraces.of(element(prepared.model.element), data.record),
             jnp.asarray(present),
             jnp.asarray(shown),
             tuple(jnp.asarray(padded_impacts(grouping.code)) for grouping in groupings),
@@ -146,8 +152,20 @@ class Target:
     def log_likelihood(self, u: Float[Array, "parameter impact"]) -> Float[Array, " impact"]:
         """Of each trace, 0 of those that are not present."""
         # Without the barrier the algebra that made u is done again at every sample of a trace.
-        value = log_likelihood(self.model, self.data, list(jax.lax.optimization_barrier(u)))
+        of_impacts = list(jax.lax.optimization_barrier(u))
+        value = self._at_nodes(of_impacts) if self.compressed else self._of_all_samples(of_impacts)
         return jnp.where(self.present, jnp.where(jnp.isfinite(value), value, -jnp.inf), 0.0)
+
+    def _of_all_samples(self, u: list[Array]) -> Float[Array, " impact"]:
+        return log_likelihood(self.model, self.data, u)
+
+    def _at_nodes(self, u: list[Array]) -> Float[Array, " impact"]:
+        """From the compressed traces, or of all samples where one of them is not within its bound."""
+        traces, impacts = self.compressed, impact_likelihood(self.model, self.data, u)
+        assert traces is not None  # noqa: S101 - for the type checker
+        value = log_density(traces, impacts)
+        known = within(traces, impacts) & jnp.isfinite(value) | ~self.present
+        return jax.lax.cond(known.all(), lambda u: value, self._of_all_samples, u)
 
     def log_likelihoods(
         self, u: Float[np.ndarray, "point parameter impact"]

@@ -43,7 +43,7 @@ def transition(
     is_velocity = jnp.arange(size) == 1
     row, column = is_velocity[:, None], is_velocity[None, :]
     # 1 and not t where t is 0: there the exponent is 0 in any unit.
-    inside = jnp.where(time > 0, time, 1.0)
+    inside = jnp.where(time == 0, 1.0, time)
     scaled = jnp.where(row == column, matrix * time, jnp.where(row, matrix * inside * time, matrix))
     scaled = jnp.where(~row & column & (time == 0), 0.0, scaled)
     result = _exponential(scaled)
@@ -77,12 +77,12 @@ def even_grid(
     dt: Float[Array, " impact"],
     count: int,
 ) -> Float[Array, "state impact sample"]:
-    """The state at first_time + k dt, k = 0 ... count - 1; at contact where first_time is negative.
+    """The state at first_time + k dt, k = 0 ... count - 1, also as the motion goes on before contact.
 
     The first few states, and the motion's matrices over every so many steps: their products are all states,
     in one loop over vectors.
     """
-    steps = jnp.stack([jnp.maximum(first_time, 0.0), jnp.broadcast_to(dt, first_time.shape)], axis=-1)
+    steps = jnp.stack([first_time, jnp.broadcast_to(dt, first_time.shape)], axis=-1)
     transitions = transition(collision, steps)
     step, states = transitions[:, 1], range(transitions.shape[-1])
     few = jnp.einsum("iab,bi->ia", transitions[:, 0], _start(collision))[..., None]

@@ -21,10 +21,9 @@ from jaxtyping import Float
 
 from bayestissue.mechanics.elements import Element
 from bayestissue.mechanics.elements.element import impactor_share
-from bayestissue.mechanics.oscillator import spring_damper_inverse
 from bayestissue.model.likelihood import small
 from bayestissue.model.likelihood.channels import MeasuredTraces, SensorTrace
-from bayestissue.model.likelihood.element import clipped, contact_cells, noise, spring_damper
+from bayestissue.model.likelihood.element import clipped, contact_cells, noise
 from bayestissue.model.likelihood.element.force_channel import force_channel
 from bayestissue.model.likelihood.element.noise import TraceNoise
 from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
@@ -146,10 +145,6 @@ class MeasuredImpact(MeasuredTraces):
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each recorded trace, its errors and its discrepancy integrated out."""
         record = self.record
-        if record.side_by_side and record.clipped is None:
-            omega_n, zeta = spring_damper_inverse(*self.parameters, record.mass)
-            density = spring_damper.log_likelihood(omega_n, zeta, self.noise_parameters.log_sigma, record)
-            return density + record.log_seen_in_interval()
         predicted = self.response()
         density = jax.nn.logsumexp(self.cells(predicted).log_density, axis=0)
         if record.contact.reach:

@@ -1,0 +1,105 @@
+"""The chain's likelihoods by compressed traces, and by all samples where these are not within their bound."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from bayestissue.base.padding import padded_impacts
+from bayestissue.inference.chain.chain_settings import ChainSettings
+from bayestissue.inference.chain.draws import _advanced
+from bayestissue.inference.chain.moves import State
+from bayestissue.inference.chain.target import Target
+from bayestissue.inference.chain.warm_up import begin
+from bayestissue.inference.factors.expansions import expanded
+from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.recordings.dataset import Dataset
+from bayestissue.studies.fitting import resolve
+from bayestissue.studies.simulation import Simulation, simulate
+
+MASSES = (0.5, 0.8, 1.2)
+
+
+def campaign() -> Dataset:
+    """Three people hit by three masses, at 5 kHz: more than twice as many samples as nodes."""
+    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in MASSES]
+    content = {
+        "name": "small",
+        "seed": 5,
+        "design": {"subjects": 3, "conditions": conditions},
+        "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2, "sd_subject_C": 0.2},
+        "recording": {
+            "sampling_rate_hz": 5000.0,
+            "before_contact_s": 0.01,
+            "noise_relative_to_peak": 0.005,
+            "velocity_sd_m_s": 0.005,
+        },
+        "output": {"traces": "csv"},
+    }
+    return simulate(Simulation.model_validate(content)).dataset("small")
+
+
+def prepared(**model: Any) -> Prepared:
+    content = {"likelihood": "impact", "formula": {"K": "(1|subject)", "C": "(1|subject)"}, **model}
+    specification, source = resolve(content)
+    return prepare(campaign(), specification, source=source)
+
+
+def begun(**model: Any) -> tuple[Target, GaussianFactor]:
+    """The posterior, and the sites of its traces."""
+    made = prepared(**model)
+    sites = padded_impacts(expanded(made))
+    return Target.from_prepared(made), GaussianFactor(*(jnp.asarray(leaf)[None] for leaf in sites))
+
+
+@jax.jit
+def log_likelihood(target: Target, u: jax.Array) -> jax.Array:
+    return target.log_likelihood(u)
+
+
+def test_one_trace_that_is_not_within_the_bound_has_all_asked_of_all_samples() -> None:
+    target, sites = begun()
+    assert target.compressed is not None
+    plain, u = replace(target, compressed=None), sites.centre[0].T
+    # Traces that are not the recorded ones, so that it shows which are asked.
+    others = replace(target, compressed=target.compressed._replace(left=target.compressed.left + 1e3))
+    exact = log_likelihood(plain, u)
+    assert_allclose(log_likelihood(target, u), exact, atol=1e-8)
+    assert (np.asarray(log_likelihood(others, u) - exact)[np.asarray(target.present)] < -1).all()
+    for parameter, value in ((0, 14.0), (1, 9.0), (0, np.nan), (2, np.nan)):
+        outside = u.at[parameter, 4].set(value)
+        assert_array_equal(log_likelihood(others, outside), log_likelihood(plain, outside))
+    # Impacts that only fill up are wherever the chain has them.
+    last = len(target.present) - 1
+    assert not target.present[last]
+    filled = u.at[0, last].set(14.0)
+    assert_array_equal(log_likelihood(others, filled), log_likelihood(others, u))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", [{"discrepancy": "none"}, {"discrepancy": "always"}])
+def test_a_chain_by_nodes_is_the_chain_by_all_samples(model: dict[str, str]) -> None:
+    target, sites = begun(**model)
+    start = begin(target, sites, 1, np.random.default_rng(0))
+    settings, ends = ChainSettings(), []
+    for one in (target, replace(target, compressed=None)):
+        carried, path = (start.states[0], start.steps[0]), []
+        for number in range(4):
+            key = jax.random.fold_in(jax.random.key_data(jax.random.key(1)), number)
+            segment = _advanced(one, settings, start.tuning, carried, key, 0.1)
+            carried = segment.carried
+            path.append(np.asarray(segment.path.traces))
+        ends.append((carried[0], np.concatenate(path)))
+    (by_nodes, densities), (by_samples, expected) = ends
+    present = np.asarray(target.present)
+    assert_allclose(densities[:, present], expected[:, present], atol=1e-5)
+    assert len(np.unique(expected[:, 0])) > 20
+    for name in State._fields[:3]:
+        assert_allclose(getattr(by_nodes, name), getattr(by_samples, name), rtol=1e-9, atol=1e-12)
