@@ -30,6 +30,7 @@ def rows() -> pd.DataFrame:
         recorded_at=np.resize(["2020-11-11 13:25:24.320", "2020-11-12T08:00"], count),
         clock=np.resize(["13:25", "08:00:30"], count),
         drop_height_cm=np.resize([12, 20], count),
+        repeat=np.resize([1, 2, 3], count),
     )
 
 

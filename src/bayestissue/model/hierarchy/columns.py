@@ -28,7 +28,7 @@ USUAL = (
         "sampling_rate_hz",
         *REFERENCE,
     ),
-    *("n", *HEIGHTS),
+    *("n", "repeat", *HEIGHTS),
 )
 _DATE = r"(19|20)\d{6}|\d{4}-\d\d?-\d\d?([T ].*)?|\d\d?[./]\d\d?[./]\d{2,4}( .*)?|\d\d?:\d\d(:\d\d.*)?"
 
