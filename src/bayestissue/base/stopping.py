@@ -20,10 +20,11 @@ _MORE = "More: bayestissue explain interrupted"
 _REQUESTS = (signal.SIGINT, signal.SIGTERM)
 # Some programs send two signals for one request, as `timeout` does.
 _ONE_REQUEST_S = 1.0
-_BEHIND_S = 0.1
+_BEHIND_S, _AGAIN = 0.1, 5
 # A terminal's cursor, which a bar of progress has hidden, on a new line.
 _SHOW_CURSOR = b"\x1b[?25h\n"
-_requested = threading.Event()
+# A list, since a second signal may come while the first one's handler runs, which a lock would wait for.
+_received: list[int] = []
 
 
 def on_request() -> None:
@@ -49,7 +50,7 @@ def done() -> None:
 
 def requested() -> bool:
     """Whether this process was asked to stop: a library may have made another exception of that."""
-    return _requested.is_set()
+    return bool(_received)
 
 
 def interrupted(*kept: str) -> str:
@@ -58,8 +59,8 @@ def interrupted(*kept: str) -> str:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    if not requested():
-        _requested.set()
+    if not _received:
+        _received.append(number)
         # Libraries and threads would show what stopped them.
         sys.excepthook = lambda *_: None
         threading.excepthook = lambda _: None
@@ -99,6 +100,11 @@ def _raise_again(lost: Any) -> None:
 def _end_at_the_second(reader: int) -> None:
     os.read(reader, 1)
     first = time.monotonic()
+    # A wait that had all but begun when it came goes on: it is interrupted by another one.
+    for _ in range(_AGAIN):
+        time.sleep(_BEHIND_S)
+        if not _received:
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
     while os.read(reader, 1) and time.monotonic() - first < _ONE_REQUEST_S:
         continue
     os.write(2, _SHOW_CURSOR if os.isatty(2) else b"")
