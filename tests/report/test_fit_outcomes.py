@@ -149,3 +149,25 @@ def test_units_and_words_of_the_dataset_are_on_the_figures(folder, tmp_path) -> 
     assert "What drops do" in html
     assert "Lowest peak force of a drop of 0.700 kg" in plain(html)
     assert "impact" not in first_screen(html)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"two_sides": True, "pictures": True, "mass_varies": False, "exponent": None},
+        {"likelihood": "impact", "exponent": 0.3, "own_depth": 0.3},
+    ],
+)
+def test_where_impacts_are_many_the_page_has_the_recordings_of_some(tmp_path: Path, options: dict) -> None:
+    which = [2, 7, 9]
+
+    def some(groups: dict) -> dict:
+        kept = ("observed_data", "posterior_predictive")
+        return groups | {name: groups[name].isel(impact=which) for name in kept}
+
+    folder = make_fit_run(tmp_path / "run", extended=some, **options)
+    assert write_report(folder).read_text(encoding="utf-8").rstrip().endswith("</html>")
+    run = read_fit_run(folder, read_about(folder))
+    for figure in level_outcomes.loop_figures(run):
+        drawn = json.dumps(figure.specification())
+        assert [name for name in run.impacts if f'"{name}"' in drawn] == [run.impacts[at] for at in which]

@@ -69,7 +69,7 @@ def depth_sentence(run: FitRun) -> Markup:
 def _direction(run: FitRun, deepest: Spread) -> str:
     """Where heavier impactors go, if that is what makes the exponent; else empty."""
     depth = np.nanmax(run.groups["observed_data"]["displacement"].to_numpy(), axis=1)
-    log_mass = np.log(run.constant("mass_kg"))
+    log_mass = np.log(run.constant("mass_kg")[run.predicted])
     deeper = float(np.cov(log_mass, np.log(depth))[0, 1]) > 0
     if deeper == (deepest.median > 0):
         return "deeper, where it is stiffer" if deeper else "less deep, where it is softer"

@@ -170,11 +170,12 @@ def _recorded(run: FitRun, factor: str, titles: dict[tuple[float, float], str]) 
         return pd.DataFrame(columns=columns)
     hits = np.log(table[["mass_kg", "velocity_m_s"]].to_numpy(float))
     distance = np.abs(hits[:, None] - np.log(np.array(list(titles)))).max(axis=-1)
-    rows = np.flatnonzero(distance.min(axis=1) < LIMITS.same_motion)
-    rows = rows[evenly_spaced(len(rows), LIMITS.loops)] if len(rows) else rows
+    # Of many impacts some have their recordings here.
+    places = np.flatnonzero(distance.min(axis=1)[run.predicted] < LIMITS.same_motion)
+    places = places[evenly_spaced(len(places), LIMITS.loops)] if len(places) else places
     names, observed, parts = list(titles.values()), run.groups["observed_data"], []
-    for row in rows:
-        depth, force = (observed[name].to_numpy()[row] for name in ("displacement", "deceleration"))
+    for place, row in zip(places, run.predicted[places], strict=True):
+        depth, force = (observed[name].to_numpy()[place] for name in ("displacement", "deceleration"))
         known = np.flatnonzero(np.isfinite(depth) & np.isfinite(force))
         known = known[evenly_spaced(len(known), LIMITS.loop_samples)]
         one = {
