@@ -121,7 +121,7 @@ def test_many_impacts_are_summed_block_by_block() -> None:
     parameters, log_sigma = at.parameters[:, rows], at.noise_parameters.log_sigma[rows]
     many = MeasuredImpact(TISSUE, parameters, NoiseParameters(log_sigma), here.impacts(rows))
     traces = compressed(many.record)
-    assert traces.place.shape == (5, TERMS // 2, LANES // 2)
+    assert traces.later.shape == (5, TERMS // 2, LANES // 2)
     one_block, blocks = jax.jit(log_density)(compressed(here), at), jax.jit(log_density)(traces, many)
     assert_allclose(blocks, np.asarray(one_block)[rows], rtol=1e-12)
 
@@ -155,12 +155,12 @@ def test_nodes_stand_for_all_samples() -> None:
     traces = compressed(here)
     weight = np.asarray(traces.root_weight[0]) ** 2
     assert_allclose(weight.sum(0), SAMPLES, rtol=1e-13)
-    later, values, d = np.asarray(traces.place[0]), np.asarray(traces.values[0, 0]), np.asarray(here.d)
-    place = np.concatenate([-later[::-1], later])
+    later, values, d = np.asarray(traces.later[0]), np.asarray(traces.values[0, 0]), np.asarray(here.d)
+    nodes = np.concatenate([-later[::-1], later])
     for row, count in enumerate(SAMPLES):
         even, terms = np.linspace(-1, 1, count), RNG.normal(size=(2, min(count, TERMS)))
         f, g = (np.polynomial.legendre.legval(even, c) for c in terms)
-        at_f, at_g = (np.polynomial.legendre.legval(place[:, row], c) for c in terms)
+        at_f, at_g = (np.polynomial.legendre.legval(nodes[:, row], c) for c in terms)
         size = np.linalg.norm(f) * np.linalg.norm(g)
         assert_allclose((weight[:, row] * at_f * at_g).sum(), f @ g, atol=1e-11 * size)
         of_trace = (values[:, row] * np.sqrt(weight[:, row]) * at_f).sum()

@@ -109,7 +109,7 @@ class Target:
         shown = np.arange(len(present)) if all_kept(count) else some_impacts(count)
         design = data.design
         level = np.asarray(design.level)[np.asarray(design.cell) // design.inner[0].shape[2]]
-        level_present = np.isin(np.arange(max(design.inner_element[0].shape[1], 1)), level[present])
+        level_present = np.isin(np.arange(design.inner_element[0].shape[1]), level[present])
         return cls(
             prepared.model,
             jax.tree.map(jnp.asarray, data),
@@ -152,17 +152,16 @@ class Target:
     def log_likelihood(self, u: Float[Array, "parameter impact"]) -> Float[Array, " impact"]:
         """Of each trace, 0 of those that are not present."""
         # Without the barrier the algebra that made u is done again at every sample of a trace.
-        of_impacts = list(jax.lax.optimization_barrier(u))
-        value = self._at_nodes(of_impacts) if self.compressed else self._of_all_samples(of_impacts)
+        of_impacts, traces = list(jax.lax.optimization_barrier(u)), self.compressed
+        value = self._at_nodes(traces, of_impacts) if traces else self._of_all_samples(of_impacts)
         return jnp.where(self.present, jnp.where(jnp.isfinite(value), value, -jnp.inf), 0.0)
 
     def _of_all_samples(self, u: list[Array]) -> Float[Array, " impact"]:
         return log_likelihood(self.model, self.data, u)
 
-    def _at_nodes(self, u: list[Array]) -> Float[Array, " impact"]:
+    def _at_nodes(self, traces: CompressedTraces, u: list[Array]) -> Float[Array, " impact"]:
         """From the compressed traces, or of all samples where one of them is not within its bound."""
-        traces, impacts = self.compressed, impact_likelihood(self.model, self.data, u)
-        assert traces is not None  # noqa: S101 - for the type checker
+        impacts = impact_likelihood(self.model, self.data, u)
         value = log_density(traces, impacts)
         known = within(traces, impacts) & jnp.isfinite(value) | ~self.present
         return jax.lax.cond(known.all(), lambda u: value, self._of_all_samples, u)

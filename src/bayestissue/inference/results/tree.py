@@ -47,10 +47,11 @@ def posterior_tree(
     multiplies draws by impacts once more (predictions, priors, log densities) is of some impacts.
     """
     rng = np.random.default_rng(seed)
+    attributes = design_attributes(prepared.design) | _column_attributes(prepared)
     put = partial(
         labelled,
         dimensions=dimensions(prepared.design, prepared.data.record.errors, _columns(prepared)),
-        attributes=design_attributes(prepared.design) | _column_attributes(prepared),
+        attributes=attributes,
     )
     whole, recorded, kept_numbers = prepared, prepared.design.recorded, draws.kept_numbers
     of_all_impacts = of_impacts = partial(put, coordinates=_coordinates(whole, kept_numbers))
@@ -66,11 +67,10 @@ def posterior_tree(
     )
     log_likelihood, posterior = draws.log_likelihood, of_all_impacts(values)
     if whole.model.discrepancy:
-        groups = {"subject": np.array(whole.design.subjects)[whole.design.subject]}
-        groups |= {name: recorded.labels(name) for name in recorded.response("K").named_by}
-        attributes = element_attributes() | design_attributes(whole.design)
-        together = comparable_draws(posterior[["K_secant"]], groups)
-        posterior = posterior.assign({n: v.assign_attrs(attributes[n]) for n, v in together.items()})
+        levels = {name: recorded.labels(name) for name in ("subject", *recorded.response("K").named_by)}
+        together = comparable_draws(posterior[["K_secant"]], levels)
+        known = element_attributes() | attributes
+        posterior = posterior.assign({n: v.assign_attrs(known[n]) for n, v in together.items()})
     groups = {
         "posterior": posterior,
         "sample_stats": statistics,

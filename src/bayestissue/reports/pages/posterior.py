@@ -174,16 +174,18 @@ def without_zero(draws: np.ndarray, labels: list[str]) -> list[str]:
     return [label for label, sure in zip(labels, (low > 0) | (high < 0), strict=True) if sure]
 
 
+def differing(run: PosteriorRun, level: str, quantities: Iterable[str] = QUANTITIES) -> dict[str, list[str]]:
+    """Whose effect has a 90 % interval without zero, by quantity (``level``: "subject", "subject:side")."""
+    names = {quantity: f"{stem_of(level)}_effect_{quantity}" for quantity in quantities}
+    return {q: without_zero(run.draws(name), run.labels(level)) for q, name in names.items() if run.has(name)}
+
+
 def who_differs(run: PosteriorRun, level: str, quantities: Iterable[str] = QUANTITIES) -> str:
-    """Whose effect on a quantity has a 90 % interval without zero (``level``: "subject", "subject:side")."""
+    """The same in a sentence."""
     parts = []
-    for quantity in quantities:
-        name = f"{stem_of(level)}_effect_{quantity}"
-        if run.has(name):
-            labels = run.labels(level)
-            differing = without_zero(run.draws(name), labels)
-            named = f": {listed(differing)}" if differing else ""
-            parts.append(f"in {quantity} {len(differing) or 'none'} of {len(labels)}{named}")
+    for quantity, labels in differing(run, level, quantities).items():
+        named = f": {listed(labels)}" if labels else ""
+        parts.append(f"in {quantity} {len(labels) or 'none'} of {len(run.labels(level))}{named}")
     one, several = group_words(level)
     if not parts:
         return f"This model has no effects of {several}."

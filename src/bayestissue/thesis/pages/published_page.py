@@ -22,10 +22,10 @@ from bayestissue.reports.pages.posterior import (
     FIXED,
     QUANTITIES,
     SURE,
+    differing,
     exponent,
     hypothesis_probability,
     sureness,
-    without_zero,
 )
 from bayestissue.reports.pages.wording import listed, percent, relative
 from bayestissue.thesis.audit.inconsistencies import TEXTS
@@ -78,9 +78,8 @@ def doubts(run: PublishedRun) -> bool:
 def people_sentence(run: PublishedRun) -> str:
     """By how much people differ in K and in C, and who by a 90 % interval."""
     between = [f"{row['subject']} in {row['quantity']}" for row in sureness(run) if "subject" in row]
-    effects = [run.draws(name) for q in QUANTITIES if run.has(name := f"subject_effect_{q}")]
-    differing = {person for draws in effects for person in without_zero(draws, run.labels("subject"))}
-    return worded("published", "people", between, sorted(differing))
+    people = {person for of_quantity in differing(run, "subject").values() for person in of_quantity}
+    return worded("published", "people", between, sorted(people))
 
 
 def frequency_sentence(run: PublishedRun) -> str:

@@ -1,4 +1,4 @@
-"""Traces on a spring and damper side by side, at a few nodes in place of all samples.
+"""Traces on a spring and damper side by side, at a few nodes in later of all samples.
 
 With p = C / M and q = K / M an impact at unit velocity moves by x'' + p x' + q x = 0. With the time s in half
 windows from the window's middle, and p and q in the same unit, it is the series sum_k c_k s^k with
@@ -53,7 +53,7 @@ class CompressedTraces(NamedTuple):
     """What stands for the samples of each trace, blocks of impacts along the first axis.
 
     Attributes:
-        place: of the nodes after the window's middle, in half windows from there; others are as far before.
+        later: the nodes after the window's middle, in half windows from there; the others are as far before.
         root_weight: w^1/2 of all nodes in order of time, w being how many samples a node stands for; 0 of one
             that is not needed.
         values: w^1/2 d^ of each trace, and then w^1/2 times the modes of its discrepancy [m/s^2].
@@ -62,7 +62,7 @@ class CompressedTraces(NamedTuple):
         left: sum of squares of what the polynomial leaves of the trace [m^2/s^4].
     """
 
-    place: Float[Array, "block pair lane"]
+    later: Float[Array, "block pair lane"]
     root_weight: Float[Array, "block node lane"]
     values: Float[Array, "block part node lane"]
     half: Float[Array, " impact"]
@@ -84,7 +84,7 @@ class CompressedTraces(NamedTuple):
             return None
         lengths, dt = np.asarray(record.n_samples), np.asarray(record.dt)
         rows = np.concatenate([np.asarray(record.d)[:, None], np.asarray(record.discrepancy.basis)], axis=1)
-        place, root_weight = np.zeros((len(lengths), _PAIRS)), np.zeros((len(lengths), TERMS))
+        later, root_weight = np.zeros((len(lengths), _PAIRS)), np.zeros((len(lengths), TERMS))
         values, left = np.zeros((*rows.shape[:2], TERMS)), np.zeros(len(lengths))
         for count in np.unique(lengths):
             of_count, number = lengths == count, min(count, TERMS)
@@ -93,14 +93,14 @@ class CompressedTraces(NamedTuple):
             every = np.r_[_PAIRS - odd - pairs : _PAIRS - odd, _PAIRS : _PAIRS + pairs + odd]
             inside = rows[of_count, :, :count]
             at_nodes = inside @ frame.T
-            place[of_count, : pairs + odd] = nodes[pairs:]
+            later[of_count, : pairs + odd] = nodes[pairs:]
             root_weight[np.ix_(of_count, every)] = frame.sum(1)
             values[np.ix_(of_count, range(len(rows[0])), every)] = at_nodes
             left[of_count] = ((inside - at_nodes @ frame)[:, 0] ** 2).sum(-1)
         lanes = len(dt) if len(dt) <= 2 * LANES else gcd(len(dt), LANES)
         blocks = (
             np.moveaxis(part.reshape(-1, lanes, *part.shape[1:]), 1, -1)
-            for part in (place, root_weight, values)
+            for part in (later, root_weight, values)
         )
         parts = (*blocks, dt * (lengths - 1) / 2, lengths, left)
         return cls(*(jnp.asarray(part, float) for part in parts))
@@ -135,7 +135,7 @@ def log_density(traces: CompressedTraces, impacts: MeasuredImpact) -> Float[Arra
         traces: the compressed ones.
         impacts: of the record that they were made of, or of one with another moment of contact.
     """
-    record, lanes = impacts.record, traces.place.shape[-1]
+    record, lanes = impacts.record, traces.later.shape[-1]
     of_impacts = (*_coefficients(impacts), traces.half, record.first_time, record.velocity, record.gravity)
     blocks = (*traces[:3], *(values.reshape(-1, lanes) for values in of_impacts))
     entries = jax.lax.map(partial(_sums, gain=not record.side_by_side), blocks)
@@ -152,8 +152,8 @@ def _sums(block: tuple[Array, ...], *, gain: bool) -> tuple[Float[Array, " lane"
     The columns are those of a discrepancy's modes, and as `DecelerationRecord.error_sd` has them, with one of
     the ``gain`` by itself or without.
     """
-    place, root_weight, values, p, q, half, first_time, velocity, gravity = block
-    x, v = (root_weight * part for part in _unit_motion(place, p, q, half, first_time))
+    later, root_weight, values, p, q, half, first_time, velocity, gravity = block
+    x, v = (root_weight * part for part in _unit_motion(later, p, q, half, first_time))
     # Without the barrier they are made anew in every product.
     x, v = jax.lax.optimization_barrier((x, v))
     unit = p * v + q * x
@@ -172,7 +172,7 @@ def _coefficients(impacts: MeasuredImpact) -> tuple[Float[Array, " impact"], Flo
 
 
 def _unit_motion(
-    place: Array, p: Array, q: Array, half: Array, first_time: Array
+    later: Array, p: Array, q: Array, half: Array, first_time: Array
 ) -> tuple[Float[Array, "node lane"], Float[Array, "node lane"]]:
     """Penetration [s] and velocity at the nodes of an impact at unit velocity."""
     middle = first_time + half
@@ -180,7 +180,7 @@ def _unit_motion(
     # Without the barriers what is an impact's is made anew at every node.
     x, v = jax.lax.optimization_barrier([sum(series) for series in of_middle])
     of_window = jax.lax.optimization_barrier(_series(x, v, p, q, half))
-    x, v = (_at_nodes(series, place) for series in of_window)
+    x, v = (_at_nodes(series, later) for series in of_window)
     return x, v
 
 
@@ -192,11 +192,11 @@ def _series(x: Array, v: Array, p: Array, q: Array, unit: Array) -> tuple[list[A
     return c, [k * coefficient / unit for k, coefficient in enumerate(c)][1:]
 
 
-def _at_nodes(series: list[Array], place: Float[Array, "pair lane"]) -> Float[Array, "node lane"]:
-    """The sum of a series at the places and as far before: even terms and odd ones apart, each once."""
-    square = place**2
+def _at_nodes(series: list[Array], later: Float[Array, "pair lane"]) -> Float[Array, "node lane"]:
+    """The sum of a series at these nodes and as far before: even terms and odd ones apart, each once."""
+    square = later**2
     even, odd = (_horner(series[start::2], square) for start in (0, 1))
-    even, odd = jax.lax.optimization_barrier((even, odd * place))
+    even, odd = jax.lax.optimization_barrier((even, odd * later))
     return jnp.concatenate([(even - odd)[::-1], even + odd])
 
 

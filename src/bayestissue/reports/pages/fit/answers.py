@@ -135,14 +135,18 @@ def who_sentence(run: FitRun, quantity: str) -> str:
             near = percent(equivalence(run))
             new = not level.these and not of_each_level(run, quantity)
             return worded("fit", "who_differs", level, words, contrast, near, (SURE, new, shaded))
-    between = next(row for row in sureness(run) if row["quantity"] == level.quantity).get("subject", "")
-    return worded("fit", "who", level, words, shaded, between)
+    return worded("fit", "who", level, words, shaded, _spread_between(run, quantity, "subject"))
 
 
 def scatter_sentence(run: FitRun, quantity: str) -> str:
     """How well each impact is known, and how impacts of one person and condition scatter."""
-    scatter = next(row for row in sureness(run) if row["quantity"] == run.symbols[quantity]).get("impact", "")
+    scatter = _spread_between(run, quantity, "impact")
     return worded("fit", "scatter", run.symbols[quantity], impact_sureness(run, quantity), scatter)
+
+
+def _spread_between(run: FitRun, quantity: str, level: str) -> str:
+    """By how much K (or C) differs between levels, as "±23 %"; empty where the model does not have that."""
+    return next(row for row in sureness(run) if row["quantity"] == run.symbols[quantity]).get(level, "")
 
 
 def mass_sentence(run: FitRun, quantity: str) -> str:

@@ -171,11 +171,11 @@ def _recorded(run: FitRun, factor: str, titles: dict[tuple[float, float], str]) 
     hits = np.log(table[["mass_kg", "velocity_m_s"]].to_numpy(float))
     distance = np.abs(hits[:, None] - np.log(np.array(list(titles)))).max(axis=-1)
     # Of many impacts some have their recordings here.
-    places = np.flatnonzero(distance.min(axis=1)[run.predicted] < LIMITS.same_motion)
-    places = places[evenly_spaced(len(places), LIMITS.loops)] if len(places) else places
+    alike = np.flatnonzero(distance.min(axis=1)[run.predicted] < LIMITS.same_motion)
+    alike = alike[evenly_spaced(len(alike), LIMITS.loops)] if len(alike) else alike
     names, observed, parts = list(titles.values()), run.groups["observed_data"], []
-    for place, row in zip(places, run.predicted[places], strict=True):
-        depth, force = (observed[name].to_numpy()[place] for name in ("displacement", "deceleration"))
+    for index, row in zip(alike, run.predicted[alike], strict=True):
+        depth, force = (observed[name].to_numpy()[index] for name in ("displacement", "deceleration"))
         known = np.flatnonzero(np.isfinite(depth) & np.isfinite(force))
         known = known[evenly_spaced(len(known), LIMITS.loop_samples)]
         one = {
