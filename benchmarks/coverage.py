@@ -134,7 +134,7 @@ def filled_up(signal: Displacements, least: int = 0) -> Displacements:
     """The same with zeros past the ends, up to one of a few lengths: what is compiled serves most of them."""
     samples = signal.x.shape[1]
     more = next((length for length in LENGTHS if length >= max(samples, least)), samples) - samples
-    by_sample = ("x", "v", "deceleration", "sample_number", "clipped")
+    by_sample = ("x", "v", "value", "sample_number", "clipped")
     rows = {name: np.pad(getattr(signal, name), ((0, 0), (0, more))) for name in by_sample}
     return replace(signal, **rows)
 

@@ -67,7 +67,7 @@ print(dataset.uncertainty)
 # %%
 first = 0
 n = signal.n_samples[first]
-time = 1e3 * (signal.first_sample_s[first] + signal.dt[first] * np.arange(n))
+time = 1e3 * (signal.contact.since_s[first] + signal.dt[first] * np.arange(n))
 figure, (above, below) = plt.subplots(2, sharex=True)
 above.plot(time, signal.deceleration[first, :n])
 above.set(ylabel="deceleration (m/s²)", title=f"impact {impacts['impact'].iloc[first]}")

@@ -576,7 +576,7 @@ def test_traces_are_filled_up_in_all_that_they_have_by_sample():
     signal = displacements(simulate(simulation.model_copy(update={"design": design})).dataset("one"))
     shape, filled = signal.x.shape, script.filled_up(signal, 256)
     by_sample = [name for name, value in vars(signal).items() if getattr(value, "shape", ()) == shape]
-    assert {"x", "v", "deceleration", "sample_number", "clipped"} <= set(by_sample)
+    assert {"x", "v", "value", "sample_number", "clipped"} <= set(by_sample)
     for name in by_sample:
         assert getattr(filled, name).shape == (shape[0], 256), name
         assert (getattr(filled, name)[:, : shape[1]] == getattr(signal, name)).all()

@@ -34,7 +34,7 @@ def test_they_are_taken_at_the_times_that_there_are() -> None:
     assert signal.uneven.all()
     assert [note.code for note in signal.notes[0]] == ["uneven-times"]
     # What noise and jitter do to a linear interpolation of it is below a hundredth.
-    np.testing.assert_allclose(signal.peak_displacement, even.peak_displacement, rtol=0.01)
+    np.testing.assert_allclose(signal.stop.x, even.stop.x, rtol=0.01)
     np.testing.assert_allclose(signal.time_to_peak, even.time_to_peak, rtol=0.02)
     found = signal.contact_time_s[0] + signal.since_contact_s[0, : signal.n_samples[0]]
     begin = int(np.searchsorted(data.traces[0].time_s, found[0] - 1e-9))

@@ -104,11 +104,11 @@ def test_the_chains_errors_reach_the_displacement() -> None:
     level, ramp, parabola = np.asarray(made.data.record.error_sd).T
     assert_allclose(ramp, np.hypot(0.02, 0.03 * 1.5))
     # The quiet part tells the offset better than what was declared of it.
-    assert_allclose(parabola, made.signal.offset_sd)
+    assert_allclose(parabola, made.signal.quiet.offset_sd)
     assert (parabola < CHAIN.offset_sd).all()
-    assert_allclose(level, 1.5 * made.signal.contact_time_sd)
+    assert_allclose(level, 1.5 * made.signal.contact.sd)
     assert made.model.log_mass_sd == CHAIN.relative_mass_sd
-    assert_allclose(np.exp(made.data.log_peak), made.signal.peak_displacement)
+    assert_allclose(np.exp(made.data.log_peak), made.signal.stop.x)
 
 
 def test_recorded_displacements_have_an_offset_but_no_velocity_to_be_wrong() -> None:
@@ -130,9 +130,9 @@ def test_the_impact_likelihood_reads_the_deceleration_itself() -> None:
     made = prepared("impact")
     gain, offset, contact = np.asarray(made.data.record.error_sd).T
     assert_allclose(gain, np.hypot(0.02, 0.03 * 1.5))
-    assert_allclose(offset, made.signal.offset_sd)
-    assert_allclose(contact, made.signal.bracket_sd)
-    assert_allclose(made.data.record.first_time, made.signal.bracket_s)
+    assert_allclose(offset, made.signal.quiet.offset_sd)
+    assert_allclose(contact, made.signal.contact.bracket_sd)
+    assert_allclose(made.data.record.first_time, made.signal.contact.bracket_s)
     assert_allclose(np.exp(made.data.log_peak), np.abs(made.signal.deceleration).max(1))
     assert made.data.record.d.shape == made.signal.deceleration.shape
 
@@ -165,8 +165,8 @@ def test_contact_that_does_not_show_may_be_in_any_of_some_cells() -> None:
     assert made.model.nuisance == ("noise",)
     impacts, reach = record.contact.before.shape
     assert impacts == len(signal.x)
-    assert reach * signal.dt.min() >= signal.reach_s.max() - 1e-12
-    assert_allclose(record.contact.before, signal.before[:, -reach:])
+    assert reach * signal.dt.min() >= signal.before.reach_s.max() - 1e-12
+    assert_allclose(record.contact.before, signal.before.value[:, -reach:])
     assert_allclose(record.error_sd[:, CONTACT], reach * signal.dt / np.sqrt(12))
     assert np.asarray(record.contact.uniform).all()
 
@@ -181,8 +181,8 @@ def test_elements_whose_stiffness_depends_on_depth_have_one_depth_that_all_impac
     made = dataset()
     found = prepare(made, specification("impact", element="stiffening"), source="m.toml")
     depth = np.asarray(found.data.record.common_depth)  # type: ignore[union-attr]
-    assert_allclose(depth, found.signal.peak_displacement.min(), rtol=0.01)
-    assert (depth <= found.signal.peak_displacement).all()
+    assert_allclose(depth, found.signal.stop.x.min(), rtol=0.01)
+    assert (depth <= found.signal.stop.x).all()
     assert np.ptp(depth) == 0
     straight = prepare(made, specification("impact", element="maxwell"), source="m.toml")
     assert not straight.model.depends_on_depth

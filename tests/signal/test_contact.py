@@ -27,7 +27,7 @@ def test_contact_is_found_within_a_sample_in_noise(rate, zeta, offset):
 def test_the_uncertainty_of_contact_is_what_it_says(zeta):
     lab = record([Impact(67.0, zeta)] * 40, 1e4, before=0.02, phase=PHASES, noise=0.005)
     made = displacements(lab)
-    score = np.sqrt(np.mean((made.contact_time_s / made.contact_time_sd) ** 2))
+    score = np.sqrt(np.mean((made.contact_time_s / made.contact.sd) ** 2))
     # The root mean square of 40 standardised errors has a standard error of 0.11; three of them.
     assert 0.66 < score < 1.34
 
@@ -36,9 +36,9 @@ def test_the_uncertainty_of_contact_is_what_it_says(zeta):
 def test_contact_of_a_recording_cut_there_lies_within_an_interval_of_its_first_sample(zeta):
     lab = record([Impact(67.0, zeta)] * 20, 1e4, before=0.0, noise=0.005)
     made = displacements(lab)
-    assert (made.first_sample_s * 1e4 < 1.0).all()
+    assert (made.contact.since_s * 1e4 < 1.0).all()
     # Of eighty values hardly one is beyond three standard deviations.
-    assert (made.first_sample_s < 3 * made.contact_time_sd).all()
+    assert (made.contact.since_s < 3 * made.contact.sd).all()
 
 
 def test_the_clock_means_nothing_to_the_automatic_choice():
@@ -54,8 +54,8 @@ def test_time_zero_is_contact_where_the_options_say_so():
     lab = record([Impact(67.0, 0.28)] * 5, 1e4, before=0.02, phase=0.4, noise=0.02)
     made = displacements(lab, SignalOptions(contact="time-zero"))
     np.testing.assert_allclose(made.contact_time_s, 0, atol=1e-12)
-    np.testing.assert_allclose(made.first_sample_s, 0.4e-4, rtol=1e-6)
-    assert (made.contact_time_sd == 0).all()
+    np.testing.assert_allclose(made.contact.since_s, 0.4e-4, rtol=1e-6)
+    assert (made.contact.sd == 0).all()
     assert made.flags == [[]] * 5
 
 
@@ -85,30 +85,30 @@ def test_a_blip_before_contact_is_not_contact():
 def test_before_the_samples_are_asked_contact_lies_anywhere_between_two_of_them():
     lab = record([Impact(67.0, 0.28)] * 40, 1e4, before=0.02, phase=PHASES, noise=0.005)
     made = displacements(lab)
-    np.testing.assert_allclose(made.bracket_s, 0.5e-4, rtol=1e-6)
-    np.testing.assert_allclose(made.bracket_sd, 1e-4 / np.sqrt(12), rtol=1e-6)
+    np.testing.assert_allclose(made.contact.bracket_s, 0.5e-4, rtol=1e-6)
+    np.testing.assert_allclose(made.contact.bracket_sd, 1e-4 / np.sqrt(12), rtol=1e-6)
     given = displacements(lab, SignalOptions(contact="time-zero"))
-    np.testing.assert_allclose(given.bracket_s, given.first_sample_s)
-    assert not given.bracket_sd.any()
+    np.testing.assert_allclose(given.contact.bracket_s, given.contact.since_s)
+    assert not given.contact.bracket_sd.any()
 
 
 def test_a_recording_that_seems_cut_at_contact_may_have_been_cut_at_any_moment_of_an_interval():
     made = displacements(record([Impact(67.0, 0.28)] * 5, 1e4, before=0.0, noise=0.005))
     assert made.phase.kind == "undecided"
-    np.testing.assert_allclose(made.bracket_s, 0.5e-4, rtol=1e-6)
-    np.testing.assert_allclose(made.bracket_sd, 1e-4 / np.sqrt(12), rtol=1e-6)
-    np.testing.assert_allclose(made.interval_s, 1e-4, rtol=1e-6)
+    np.testing.assert_allclose(made.contact.bracket_s, 0.5e-4, rtol=1e-6)
+    np.testing.assert_allclose(made.contact.bracket_sd, 1e-4 / np.sqrt(12), rtol=1e-6)
+    np.testing.assert_allclose(made.contact.interval_s, 1e-4, rtol=1e-6)
 
 
 def test_samples_before_the_first_are_kept_without_their_offset():
     lab = record([Impact(67.0, 0.28)] * 5, 1e4, before=0.02, phase=0.4, offset=5.0)
     made = displacements(lab)
-    assert made.before.shape == (5, BEFORE)
-    assert (made.n_before == BEFORE).all()
-    np.testing.assert_allclose(made.before, 0.0, atol=1e-6)
+    assert made.before.value.shape == (5, BEFORE)
+    assert (made.before.n_samples == BEFORE).all()
+    np.testing.assert_allclose(made.before.value, 0.0, atol=1e-6)
     short = displacements(record([Impact(67.0, 0.28)], 1e4, before=0.002, phase=0.4, noise=0.005))
-    assert 0 < short.n_before[0] < BEFORE
-    assert not short.before[0, : BEFORE - short.n_before[0]].any()
+    assert 0 < short.before.n_samples[0] < BEFORE
+    assert not short.before.value[0, : BEFORE - short.before.n_samples[0]].any()
 
 
 @pytest.mark.slow
@@ -122,11 +122,11 @@ def test_a_force_that_rises_from_zero_may_have_begun_well_before_it_shows():
         lab = record([Impact(67.0, 0.28)], 1e4, before=0.02)
         lab.traces[0] = Recorded(time, value)
         made = displacements(lab)
-        contact = (made.contact_time_s + made.first_sample_s)[0]
-        assert made.reach_s[0] > contact
+        contact = (made.contact_time_s + made.contact.since_s)[0]
+        assert made.before.reach_s[0] > contact
         lost.append(contact / dt)
     assert np.median(lost) > 5
-    assert (displacements(lab, SignalOptions(contact="time-zero")).reach_s == 0).all()
+    assert (displacements(lab, SignalOptions(contact="time-zero")).before.reach_s == 0).all()
 
 
 @pytest.mark.parametrize("zeta", [2.5, 3.0, 4.0])
@@ -143,22 +143,22 @@ def test_a_zero_measured_in_great_noise_errs_by_as_much_as_is_said():
     """A mean of means that overlap errs by 1.6 times as much as one of as many samples."""
     lab = record([Impact(60.0, 0.3)] * 200, 5e3, before=0.01, noise=0.2, offset=3.0)
     made = displacements(lab)
-    assert made.blurred.all()
-    assert np.isfinite(made.offset_sd).all()
-    error = (made.offset - 3.0) / made.offset_sd
+    assert made.before.blurred.all()
+    assert np.isfinite(made.quiet.offset_sd).all()
+    error = (made.quiet.offset - 3.0) / made.quiet.offset_sd
     # Four standard errors of a standard deviation of 200 values, and some for its own noise being estimated.
     assert error.std() == pytest.approx(1.0, abs=4 / 400**0.5)
     # The quiet part tells the zero: what is said to come between it and the first sample does not.
-    assert (made.n_since_quiet < 50).all()
+    assert (made.before.n_since_quiet < 50).all()
 
 
 def test_great_noise_leaves_contact_in_its_bracket():
     lab = record([Impact(60.0, 0.4)] * 40, 5e3, before=0.02, phase=PHASES, noise=0.2)
     made = displacements(lab)
-    assert made.blurred.all()
-    late = made.contact_time_s + made.first_sample_s
-    assert ((late >= 0) & (late <= 2 * made.bracket_s)).mean() > 0.95
-    assert (2 * made.bracket_s <= BEFORE * made.dt).all()
+    assert made.before.blurred.all()
+    late = made.contact_time_s + made.contact.since_s
+    assert ((late >= 0) & (late <= 2 * made.contact.bracket_s)).mean() > 0.95
+    assert (2 * made.contact.bracket_s <= BEFORE * made.dt).all()
 
 
 def held(lab: Lab, offset: float = 0.0, ring: float = 0.0) -> Lab:
@@ -181,7 +181,7 @@ def test_free_fall_after_a_held_mass_is_quiet(gravity, offset, ring):
     made = displacements(dropped)
     assert (made.flags, made.notes) == ([[]] * 5, [[]] * 5)
     assert np.abs(made.contact_time_s).max() < 1 / 5e3
-    assert np.abs(made.offset - offset).max() < 0.1
+    assert np.abs(made.quiet.offset - offset).max() < 0.1
     assert raised(inspect(dropped), 5) == [[]] * 5
 
 

@@ -24,7 +24,7 @@ def test_noise_free_displacements_are_those_of_the_motion(rate, before, gravity)
     made = displacements(record(impacts, rate, before=before, phase=np.tile(phases, len(TISSUE))))
     for row, impact in enumerate(impacts):
         n = made.n_samples[row]
-        time = made.first_sample_s[row] + np.arange(n) / rate
+        time = made.contact.since_s[row] + np.arange(n) / rate
         peak = float(impact.derivative(0, np.array(impact.time_to_peak)))
         fastest = max(abs(root) for root in impact.roots) / rate
         # The quadrature's error is of the sixth order in interval times pole; where that product is small
@@ -33,7 +33,7 @@ def test_noise_free_displacements_are_those_of_the_motion(rate, before, gravity)
         tolerance = 0.3 * fastest**6 + 1e-5
         assert np.abs(made.x[row, :n] - impact.derivative(0, time)).max() < tolerance * peak
         assert np.abs(made.v[row, :n] - impact.derivative(1, time)).max() < 4 * tolerance * impact.velocity
-        assert made.peak_displacement[row] == pytest.approx(peak, rel=tolerance)
+        assert made.stop.x[row] == pytest.approx(peak, rel=tolerance)
         assert made.time_to_peak[row] == pytest.approx(impact.time_to_peak, rel=4 * tolerance)
         assert abs(made.contact_time_s[row]) * rate < 10 * tolerance
         assert time[-1] <= impact.time_to_peak < time[-1] + 1.01 / rate
@@ -42,10 +42,7 @@ def test_noise_free_displacements_are_those_of_the_motion(rate, before, gravity)
 def test_the_thesis_rule_keeps_its_error_and_the_default_has_none():
     lab = record([TYPICAL], 2e3)
     peak = float(TYPICAL.derivative(0, np.array(TYPICAL.time_to_peak)))
-    errors = [
-        abs(displacements(lab, rule=rule).peak_displacement[0] / peak - 1)
-        for rule in ("trapezoidal", "quintic")
-    ]
+    errors = [abs(displacements(lab, rule=rule).stop.x[0] / peak - 1) for rule in ("trapezoidal", "quintic")]
     # (omega dt)²/12 is 9e-5 here.
     assert 1e-5 < errors[0] < 1e-3
     assert errors[1] < 1e-6
@@ -62,23 +59,25 @@ def test_the_offset_of_the_quiet_part_is_removed():
     made = displacements(lab)
     sd = 0.005 * max(trace.value.max() - 5 for trace in lab.traces)
     # The mean of 200 quiet samples; five standard errors hold for 50 of them.
-    assert np.abs(made.offset - 5).max() < 5 * sd / np.sqrt(195)
-    assert np.median(made.noise_sd) == pytest.approx(sd, rel=0.1)
+    assert np.abs(made.quiet.offset - 5).max() < 5 * sd / np.sqrt(195)
+    assert np.median(made.quiet.noise_sd) == pytest.approx(sd, rel=0.1)
 
 
 @pytest.mark.parametrize("samples", [8, 21])
 def test_the_offset_errs_by_what_is_said_of_it(samples):
     number = 2_000
     made = displacements(record([TYPICAL] * number, 1e4, before=samples / 1e4, noise=0.005))
-    told = np.isfinite(made.offset_sd)
+    told = made.quiet.there
     assert told.mean() > 0.95
     # Four standard errors of the standard deviation of Student's t of twenty samples.
-    assert (made.offset / made.offset_sd)[told].std() == pytest.approx(1, abs=4 / np.sqrt(1.6 * number))
+    assert (made.quiet.offset / made.quiet.offset_sd)[told].std() == pytest.approx(
+        1, abs=4 / np.sqrt(1.6 * number)
+    )
 
 
 def test_no_offset_is_claimed_where_nothing_was_recorded_before_contact():
     made = displacements(record([TYPICAL], 1e4, before=0.0, noise=0.005))
-    assert made.offset[0] == 0
+    assert made.quiet.offset[0] == 0
     assert "no quiet part before contact: no offset was removed" in made.notes[0]
 
 
@@ -135,6 +134,16 @@ def test_impacts_of_unequal_length_and_in_blocks_give_what_each_gives_alone(monk
         assert (together.x[row, n:] == 0).all()
 
 
+def test_some_impacts_are_those_alone():
+    """Of five too, which is as many as a phase has items."""
+    whole = displacements(record([TYPICAL] * 5, 1e4, noise=0.005))
+    part = whole.impacts(np.array([4, 1, 1]))
+    np.testing.assert_array_equal(part.x, whole.x[[4, 1, 1]])
+    np.testing.assert_array_equal(part.contact.sd, whole.contact.sd[[4, 1, 1]])
+    assert part.notes == [whole.notes[row] for row in (4, 1, 1)]
+    assert part.phase == whole.phase
+
+
 ODD = {
     "zeros": np.zeros(100),
     "a constant": np.full(100, 5.0),
@@ -166,8 +175,8 @@ def test_odd_recordings_give_finite_numbers_and_no_warning(quantity, choices):
         traces = [Recorded(np.arange(len(row)) * 1e-4, row) for row in value]
         table = pd.DataFrame({"mass_kg": 1.0, "velocity_m_s": np.full(len(traces), 1.5)})
         made = displacements(Lab(table, traces, quantity), SignalOptions(**choices))
-        for name in ("x", "v", "time_to_peak", "peak_displacement", "contact_time_s", "noise_sd"):
-            assert np.isfinite(getattr(made, name)).all(), name
+        motion = made.x, made.v, made.time_to_peak, made.stop.x, made.contact_time_s, made.quiet.noise_sd
+        assert all(np.isfinite(numbers).all() for numbers in motion)
 
 
 def recorded_displacements(rate: float, noise: float, seed: int = 0) -> Lab:
@@ -182,7 +191,7 @@ def recorded_displacements(rate: float, noise: float, seed: int = 0) -> Lab:
 def test_a_recorded_displacement_is_taken_as_it_is():
     made = displacements(recorded_displacements(1e4, 0.0))
     n = made.n_samples[0]
-    time = made.first_sample_s[0] + np.arange(n) / 1e4
+    time = made.contact.since_s[0] + np.arange(n) / 1e4
     # Contact is interpolated on a line: the curvature over one interval is C V / M dt²/8 = 7e-8 m.
     np.testing.assert_allclose(made.x[0, :n], TYPICAL.derivative(0, time), atol=1e-7)
     assert abs(made.contact_time_s[0]) < 1e-7
@@ -194,7 +203,7 @@ def test_a_recorded_displacement_is_taken_as_it_is():
 def test_noise_on_a_recorded_displacement_is_measured():
     made = displacements(recorded_displacements(1e4, 5e-5))
     # 800 samples: the median absolute deviation is good to 5 %; three times that.
-    assert made.noise_sd[0] == pytest.approx(5e-5, rel=0.15)
+    assert made.quiet.noise_sd[0] == pytest.approx(5e-5, rel=0.15)
     assert made.time_to_peak[0] == pytest.approx(TYPICAL.time_to_peak, rel=0.05)
 
 
@@ -211,17 +220,17 @@ def test_heel_strikes_get_windows_of_some_tens_of_milliseconds(heel_strikes):
     # The heel pad stops the foot within 10 to 60 ms at a depth of some millimetres.
     assert ((made.time_to_peak > 0.005) & (made.time_to_peak < 0.1)).all()
     assert np.median(made.time_to_peak) == pytest.approx(0.025, abs=0.02)
-    assert ((made.peak_displacement > 1e-3) & (made.peak_displacement < 0.03)).all()
+    assert ((made.stop.x > 1e-3) & (made.stop.x < 0.03)).all()
     assert (made.n_samples >= 8).all()
     assert np.abs(made.contact_time_s).max() < 0.005
-    assert np.median(made.noise_sd) < 1e-4
+    assert np.median(made.quiet.noise_sd) < 1e-4
 
 
 def test_a_window_ends_with_the_force_where_noise_keeps_the_velocity_above_zero():
     """A mass on a strong damper comes back with less velocity than is lost in the noise."""
     lab = record([Impact(60.0, 4.0)] * 40, 5e3, before=0.02, after=0.05, noise=1e-3, phase=0.5)
     made = displacements(lab)
-    last = made.first_sample_s + (made.n_samples - 1) * made.dt
+    last = made.contact.since_s + (made.n_samples - 1) * made.dt
     # The force ends at twice the time to zero velocity.
     assert (last < 2 * Impact(60.0, 4.0).time_to_peak).all()
     assert not any("velocity does not reach zero" in flags for flags in made.flags)

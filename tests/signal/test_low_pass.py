@@ -10,7 +10,6 @@ import pytest
 from bayestissue.recordings.dataset import Dataset, LowPassFilter
 from bayestissue.recordings.signal import SignalOptions, displacements
 from bayestissue.recordings.signal.contact import find_onset
-from bayestissue.recordings.signal.filters import ahead_s
 from bayestissue.recordings.signal.padded_traces import stack
 from bayestissue.recordings.signal.quality.force_laws import suspected
 from bayestissue.studies.checking import check
@@ -75,7 +74,7 @@ def test_tissues_are_left_alone(tissue: str, noise: float):
 
 def test_a_trace_without_a_quiet_part_is_not_asked(behind_500_hz: Dataset):
     signal = displacements(behind_500_hz.with_settings(recorder=None))
-    alone = replace(signal, n_before=np.zeros_like(signal.n_before))
+    alone = replace(signal, before=signal.before._replace(n_samples=np.zeros_like(signal.n_samples)))
     assert np.isnan(suspected(alone).corner_hz).all()
 
 
@@ -92,7 +91,7 @@ def test_what_a_filter_run_backwards_makes_before_contact_is_not_quiet() -> None
         data, traces=[replace(trace, value=trace.value - trace.value[:20].mean()) for trace in data.traces]
     )
     rows = stack(data.traces)
-    onset = find_onset(replace(rows, ahead_s=ahead_s(data.recorder, rows.dt).max()), SignalOptions())
+    onset = find_onset(rows, SignalOptions(), data.recorder)
     assert onset.quiet.there.all()
     # A thousandth of the answer, of some 300 m/s^2, is left where the quiet part ends.
     np.testing.assert_allclose(onset.quiet.offset, 0.0, atol=0.1)

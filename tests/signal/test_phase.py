@@ -42,8 +42,8 @@ def test_contact_at_a_sample_of_every_recording_is_found(clock):
     made = displacements(moved(lab(0.0), clock))
     assert made.phase.kind == "first"
     assert made.phase.judged
-    assert (made.first_sample_s == 0).all()
-    assert (made.bracket_sd == 0).all()
+    assert (made.contact.since_s == 0).all()
+    assert (made.contact.bracket_sd == 0).all()
     assert all("contact is taken to be at a sample" in notes for notes in made.notes)
 
 
@@ -51,7 +51,7 @@ def test_contact_at_a_sample_of_every_recording_is_found(clock):
 def test_a_contact_that_was_written_as_no_force_is_one_sample_earlier(clock):
     made = displacements(moved(with_zero_at_contact(lab(0.0)), clock))
     assert made.phase.kind == "before"
-    np.testing.assert_allclose(made.first_sample_s, 1 / RATE, rtol=1e-9)
+    np.testing.assert_allclose(made.contact.since_s, 1 / RATE, rtol=1e-9)
 
 
 def test_contact_declared_to_be_at_a_sample_is_where_the_clock_begins_unless_the_recording_says_otherwise():
@@ -76,9 +76,9 @@ def test_one_recording_alone_tells_little():
     assert elsewhere.sd > 0.4
     made = displacements(here)
     assert made.phase.kind == "undecided"
-    assert made.bracket_uniform[0]
-    assert made.bracket_s[0] * RATE == pytest.approx(0.5)
-    assert made.interval_s[0] == pytest.approx(1 / RATE)
+    assert made.contact.bracket_uniform[0]
+    assert made.contact.bracket_s[0] * RATE == pytest.approx(0.5)
+    assert made.contact.interval_s[0] == pytest.approx(1 / RATE)
     assert 0.3 < made.phase.sd < 0.65
 
 

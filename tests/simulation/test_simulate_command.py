@@ -39,7 +39,7 @@ def test_the_example_can_be_worked_with():
     assert len(dataset.traces) == 90
     assert np.abs(made.contact_time_s - truth["contact_time_s"]).max() < 1e-4
     # Gain, velocity and offset are off by half a per cent or so, each.
-    np.testing.assert_allclose(made.peak_displacement, truth["peak_displacement_m"], rtol=0.05)
+    np.testing.assert_allclose(made.stop.x, truth["peak_displacement_m"], rtol=0.05)
 
 
 def test_a_wrong_specification_writes_nothing(tmp_path, monkeypatch, capsys):

@@ -84,8 +84,9 @@ def test_a_peak_beyond_noise_gain_and_zero_is_missed_on_either_side() -> None:
 
 
 def without_quiet_part(ready: Prepared) -> Prepared:
-    unknown = np.full_like(ready.signal.offset_sd, np.nan)
-    return replace(ready, signal=replace(ready.signal, offset_sd=unknown))
+    quiet = ready.signal.quiet
+    unknown = quiet._replace(there=np.zeros_like(quiet.there))
+    return replace(ready, signal=replace(ready.signal, quiet=unknown))
 
 
 def test_a_missed_peak_is_in_the_first_line_the_warnings_and_its_rows() -> None:

@@ -253,7 +253,7 @@ def misfit_precheck(prepared: Prepared, expansions: GaussianFactor, seed: int) -
     rows = some_impacts(len(prepared.impacts))
     prepared, best = some_of(prepared, rows), np.asarray(expansions.centre)[rows]
     noise = np.exp(best[:, 2] + np.asarray(prepared.data.log_peak))
-    if np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
+    if np.median(noise / np.maximum(prepared.signal.quiet.noise_sd, 1e-12)) < _SUSPICIOUS:
         return None
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 31)
     verdict = judged_at(prepared, prepared.data, best, key)
@@ -273,5 +273,5 @@ def judged_at(
     of_each = replicates(prepared.model, data, draws, keys)
     replicated, signal = of_each["deceleration"], prepared.signal
     # An offset does not move samples at the sensor's limit.
-    used = (np.arange(replicated.shape[-1]) < signal.n_samples[:, None]) & (signal.clipped == 0)
+    used = signal.inside & ~signal.at_limit
     return judged(np.where(used, signal.deceleration - offset, np.nan), replicated)

@@ -130,8 +130,8 @@ def missed_peaks(
         return np.zeros(len(low), bool)
     signal, chain = prepared.signal, dataset.uncertainty
     recorded = np.exp(np.asarray(prepared.data.log_peak))
-    zero_sd = signal.zero_sd(chain.offset_sd)
-    sd = np.sqrt(signal.noise_sd**2 + (chain.relative_gain_sd * recorded) ** 2 + zero_sd**2)
+    zero_sd = signal.quiet.zero_sd(chain.offset_sd)
+    sd = np.sqrt(signal.quiet.noise_sd**2 + (chain.relative_gain_sd * recorded) ** 2 + zero_sd**2)
     room = norm.isf(_BY_CHANCE / signal.n_samples) * sd + _LEAST * recorded
     within = np.argmax(np.abs(signal.deceleration), axis=1) < signal.n_samples - 1
     above = recorded > STANDARD_GRAVITY * high + room

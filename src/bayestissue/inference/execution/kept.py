@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -44,16 +43,8 @@ def kept_draws(chains: int, draws: int, impacts: int) -> Int[np.ndarray, " kept"
 
 def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
     """The same fit with these impacts alone, the population as it was."""
-    signal: Any = prepared.signal
-    count = len(prepared.impacts)
-    if np.array_equal(rows, np.arange(count)):
+    if np.array_equal(rows, np.arange(len(prepared.impacts))):
         return prepared
-
-    def chosen(name: str) -> Any:
-        value = getattr(signal, name)
-        if isinstance(value, list):
-            return [value[row] for row in rows]
-        return value[rows] if len(value) == count else value
 
     data = replace(prepared.data.impacts(rows), design=prepared.data.design.subset(rows))
     data = jax.tree.map(jnp.asarray, data)
@@ -61,7 +52,7 @@ def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
         prepared,
         force=prepared.force and prepared.force.impacts(rows),
         data=data,
-        signal=replace(signal, **{name: chosen(name) for name in signal.__dataclass_fields__}),
+        signal=prepared.signal.impacts(rows),
         impacts=prepared.impacts.iloc[rows].reset_index(drop=True),
         mass_group=None if prepared.mass_group is None else prepared.mass_group[rows],
     )

@@ -41,9 +41,11 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     columns = [*(np.log(np.asarray(values)) for values in guess), _noise(prepared, fit)]
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     if prepared.model.contact:
-        interval = signal.interval_s > 0
+        interval = signal.contact.interval_s > 0
         columns.append(
-            np.where(interval, signal.first_sample_s / np.where(interval, signal.interval_s, 1) - 0.5, 0)
+            np.where(
+                interval, signal.contact.since_s / np.where(interval, signal.contact.interval_s, 1) - 0.5, 0
+            )
         )
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     if prepared.force is not None:
@@ -59,7 +61,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
 def _of_motion(signal: Displacements) -> Float[np.ndarray, "2 impact"]:
     """K and C by least squares of M d on penetration and velocity, as integrated from d."""
     moved = np.stack([signal.x, signal.v], axis=-1)
-    inside = (np.arange(moved.shape[1]) < signal.n_samples[:, None]) & (signal.clipped == 0)
+    inside = signal.inside & ~signal.at_limit
     moved = np.where(inside[..., None], moved, 0.0)
     squares = np.einsum("isa,isb->iab", moved, moved)
     products = np.einsum("isa,is->ia", moved, signal.mass[:, None] * signal.deceleration)
@@ -69,7 +71,7 @@ def _of_motion(signal: Displacements) -> Float[np.ndarray, "2 impact"]:
 def _noise(prepared: Prepared, fit: PointFit | None) -> np.ndarray:
     log_peak = np.asarray(prepared.data.log_peak)
     if fit is None:
-        return np.log(np.maximum(prepared.signal.noise_sd, 1e-12)) - log_peak
+        return np.log(np.maximum(prepared.signal.quiet.noise_sd, 1e-12)) - log_peak
     spectral = np.sqrt(1 + fit.theta1**2) if prepared.model.kind == "arma" else 1.0
     return np.log(np.maximum(fit.sigma_a, 1e-300) * spectral) - log_peak
 

@@ -124,7 +124,7 @@ def table_of(
         n_samples=signal.n_samples,
         sampling_interval_s=signal.dt,
         **{column: oscillator.get(name, unknown) for column, name in _OSCILLATOR.items()},
-        peak_displacement_m=signal.peak_displacement,
+        peak_displacement_m=signal.stop.x,
         time_to_peak_s=signal.time_to_peak,
         flags=["; ".join(row) for row in flags],
         **(further or {}),
@@ -142,7 +142,7 @@ def another_peak(signal: Displacements, omega_n: Column, zeta: Column) -> np.nda
     """Where a spring and damper goes another depth than was recorded, which needs all samples."""
     with np.errstate(invalid="ignore", divide="ignore"):
         implied = np.asarray(peak_displacement(omega_n, zeta, signal.velocity, signal.gravity))
-        another = np.abs(implied / signal.peak_displacement - 1) > PEAK_DISAGREES
+        another = np.abs(implied / signal.stop.x - 1) > PEAK_DISAGREES
     return another & ~signal.clipped.any(axis=1)
 
 
@@ -182,4 +182,4 @@ def _too_deep(dataset: Dataset, signal: Displacements) -> np.ndarray:
     if THICKNESS not in dataset.impacts:
         return np.zeros(len(signal.n_samples), bool)
     thickness = pd.to_numeric(dataset.impacts[THICKNESS], errors="coerce").to_numpy(float)
-    return signal.peak_displacement > thickness
+    return signal.stop.x > thickness

@@ -126,7 +126,7 @@ def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
 def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     signal, record = prepared.signal, prepared.data.record
     error_sd, first = np.asarray(record.error_sd), np.asarray(record.first_time)
-    time = first[:, None] + signal.sample_number * signal.dt[:, None]
+    time = first[:, None] + signal.time_s
     inside = signal.inside
     has_depth = prepared.model.depends_on_depth
     return {

@@ -18,7 +18,13 @@ from bayestissue.recordings.signal import Displacements
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
 from bayestissue.recordings.signal.filters import ahead_s, decay, delay, white_share
 from bayestissue.recordings.signal.force import Force, force_beside
-from bayestissue.recordings.signal.padded_traces import PaddedTraces, segment_moments, stack, standard_error
+from bayestissue.recordings.signal.padded_traces import (
+    PaddedTraces,
+    at,
+    segment_moments,
+    stack,
+    standard_error,
+)
 
 # The zero is the mean of what ends so many samples before the first one in contact.
 _CLEAR = 3
@@ -158,9 +164,8 @@ def rows_within(
         earlier_s: by how much earlier each impact's force may begin [s].
         later_s: by how much later the windows begin [s].
     """
-    first = signal.contact_time_s + signal.first_sample_s
-    ends = np.maximum(signal.n_samples - 1, 0)[:, None]
-    last = first + np.take_along_axis(signal.sample_number, ends, axis=1)[:, 0] * signal.dt
+    first = signal.contact_time_s + signal.contact.since_s
+    last = first + at(signal.time_s, signal.n_samples - 1)
     time = recorded.start[:, None] + recorded.time_s
     nearly = _NEARLY * recorded.dt[:, None]
     begin = (first + later_s)[:, None] - nearly
@@ -195,7 +200,7 @@ def prepared_force(
     comparison = force_beside(dataset, signal)
     assert comparison is not None  # noqa: S101 - the callers ask
     channel, recorder = comparison.channel, comparison.channel.recorder
-    recorded, first = stack(*dataset.further), signal.contact_time_s + signal.first_sample_s
+    recorded, first = stack(*dataset.further), signal.contact_time_s + signal.contact.since_s
     dt = recorded.dt
     # Contact is so long after the first sample of the decelerations at the latest, or so long before it.
     latest = (low_pass.lead if low_pass else 0) * signal.dt
@@ -204,8 +209,8 @@ def prepared_force(
     if reach:
         # A low-pass that looks ahead ends the decelerations' quiet part so long before contact, and one that
         # delays them so long after.
-        quiet = signal.n_since_quiet * signal.dt - ahead_s(dataset.recorder, signal.dt)
-        hidden = np.where(np.isfinite(signal.offset_sd), quiet, earliest)
+        quiet = signal.before.n_since_quiet * signal.dt - ahead_s(dataset.recorder, signal.dt)
+        hidden = np.where(signal.quiet.there, quiet, earliest)
         hidden += delay(dataset.recorder) if dataset.recorder else 0.0
     rows = rows_within(recorded, signal, ahead_s(recorder, dt) + hidden, latest)
     usable = rows.used
@@ -239,9 +244,10 @@ def prepared_force(
     counts = rows.within(usable) & (np.arange(rows.number.max()) < rows.number[:, None])
     longer = ((0, 0), (0, length - counts.shape[1]))
     # A force below the tissue has no tip.
-    tip = channel.tip_mass_kg / mass if channel.place == "impactor" else None
+    in_front = channel.tip_mass_kg / mass
+    tip = in_front if channel.place == "impactor" else None
     # Contact as it was before the samples in contact were asked: these are to tell themselves.
-    contact = first - signal.bracket_s
+    contact = first - signal.contact.bracket_s
     parts: Any = (
         np.pad(np.where(counts, rows.value / mass[:, None], 0.0), longer),
         rows.number,
@@ -250,7 +256,6 @@ def prepared_force(
         tip,
         np.pad(counts, longer) if (usable != rows.used).any() else None,
     )
-    in_front = channel.tip_mass_kg / mass
     noise = np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
         comparison=comparison,

@@ -268,26 +268,26 @@ def _record(
     chain = dataset.uncertainty
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)
     # What a quiet part before contact tells of the offset replaces what was declared of it.
-    offset_sd = signal.zero_sd(chain.offset_sd)
+    offset_sd = signal.quiet.zero_sd(chain.offset_sd)
     if specification.likelihood == "impact":
         record = _deceleration_record(dataset, specification, signal, velocity_sd, offset_sd, force)
         return record, np.abs(signal.deceleration).max(axis=1)
     gravity = signal.gravity if dataset.gravity else None
-    level_sd = signal.velocity * signal.contact_time_sd
+    level_sd = signal.velocity * signal.contact.sd
     # Along gravity a gain in error is an offset too, and a contact time a velocity.
-    velocity_sd = np.hypot(velocity_sd, signal.gravity * signal.contact_time_sd)
+    velocity_sd = np.hypot(velocity_sd, signal.gravity * signal.contact.sd)
     offset_sd = np.hypot(offset_sd, signal.gravity * chain.relative_gain_sd)
     if dataset.quantity == "displacement":
         level_sd = np.hypot(level_sd, chain.offset_sd)
         velocity_sd, offset_sd = np.zeros_like(velocity_sd), np.zeros_like(offset_sd)
     errors = np.stack([level_sd, velocity_sd, offset_sd], axis=1)
-    start = (signal.n_samples, signal.first_sample_s, signal.dt)
+    start = (signal.n_samples, signal.contact.since_s, signal.dt)
     of_traces = displacement_record(signal.x, *start, errors, gravity)
     if dataset.quantity != "displacement":
         share = _share(chain.velocity_sd_m_s, velocity_sd)
         known = (jnp.asarray(signal.velocity), jnp.asarray(share))
         of_traces = of_traces._replace(velocity=known[0], velocity_share=known[1])
-    return of_traces, signal.peak_displacement
+    return of_traces, signal.stop.x
 
 
 def _diameters(dataset: Dataset) -> dict[str, np.ndarray]:
@@ -319,10 +319,10 @@ def _deceleration_record(
 ) -> DecelerationRecord:
     """The record of decelerations, ``velocity_sd`` being that of velocity and gain together."""
     low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
-    estimated = _estimates_contact(dataset, specification, signal)
-    elsewhere = ~(estimated & (signal.interval_s > 0))
-    known = Contact.known(signal.bracket_uniform & elsewhere)
-    begin = _Beginning(known, np.where(elsewhere, signal.bracket_sd, 0.0), offset_sd)
+    start, estimated = signal.contact, _estimates_contact(dataset, specification, signal)
+    elsewhere = ~(estimated & (start.interval_s > 0))
+    known = Contact.known(start.bracket_uniform & elsewhere)
+    begin = _Beginning(known, np.where(elsewhere, start.bracket_sd, 0.0), offset_sd)
     if reach:
         begin = _in_cells(dataset, specification, signal, offset_sd, reach)
     errors, velocity_share = _errors(dataset, specification, signal, velocity_sd, begin, force, reach)
@@ -330,7 +330,7 @@ def _deceleration_record(
     record = DecelerationRecord.from_arrays(
         signal.deceleration,
         signal.n_samples,
-        signal.bracket_s,
+        start.bracket_s,
         signal.dt,
         signal.velocity,
         np.stack(errors, axis=1),
@@ -340,8 +340,7 @@ def _deceleration_record(
     )
     if specification.discrepancy == "always":
         # It takes up what a wrong moment of contact does to a trace.
-        modes = discrepancy_modes(signal.n_samples, signal.sample_number)
-        record = record._replace(discrepancy=modes)
+        record = record._replace(discrepancy=discrepancy_modes(signal.n_samples, signal.sample_numbers))
     if begin.colour is not None:
         colour, rate = begin.colour
         record = record._replace(colour=colour, rate=jnp.asarray(rate))
@@ -353,7 +352,7 @@ def _deceleration_record(
         low_pass=low_pass,
         uneven=_uneven_times(signal, reach),
         clipped=jnp.asarray(signal.clipped) if signal.clipped.any() else None,
-        interval=jnp.asarray(signal.interval_s) if estimated else None,
+        interval=jnp.asarray(start.interval_s) if estimated else None,
         force=None if force is None else jax.tree.map(jnp.asarray, force.rows),
     )
 
@@ -389,20 +388,21 @@ def _in_cells(
     """
     recorder = dataset.recorder
     contact_sd = reach * signal.dt / np.sqrt(12)
-    before = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
+    before = np.pad(signal.before.value, ((0, 0), (max(0, reach - BEFORE), 0)))
     before = before[:, before.shape[1] - reach :]
-    n_before = np.minimum(signal.n_before, reach)
-    n_quiet = np.maximum(n_before - signal.n_since_quiet, 0)
+    n_before = np.minimum(signal.before.n_samples, reach)
+    n_quiet = np.maximum(n_before - signal.before.n_since_quiet, 0)
     sample = signal.phase.place if signal.phase.known else None
     share = white_share(dataset, signal) if recorder is not None else 1.0
     if recorder is not None and share < 1:
         rows = reach + signal.deceleration.shape[1]
         colour, rate, longer = filtered_noise(recorder, share, rows, signal.dt)
-        offset_sd = np.where(np.isfinite(signal.offset_sd), longer * offset_sd, offset_sd)
+        offset_sd = np.where(signal.quiet.there, longer * offset_sd, offset_sd)
         contact = Contact.anywhere(before, n_before, n_quiet=n_quiet)
         return _Beginning(contact, contact_sd, offset_sd, (colour, rate))
     if specification.discrepancy != "always":
-        contact = Contact.anywhere(before, n_before, np.maximum(signal.noise_sd, 1e-12), sample, n_quiet)
+        noise_sd = np.maximum(signal.quiet.noise_sd, 1e-12)
+        contact = Contact.anywhere(before, n_before, noise_sd, sample, n_quiet)
     else:
         contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
     return _Beginning(contact, contact_sd, offset_sd)
@@ -447,8 +447,8 @@ def _uneven_times(signal: Displacements, reach: int) -> UnevenTimes | None:
     if not signal.uneven.any():
         return None
     # Past a row's end any times serve, but none that fall.
-    later = np.maximum.accumulate(signal.sample_number, axis=1) * signal.dt[:, None]
-    return UnevenTimes(jnp.asarray(later), jnp.asarray(signal.before_s[:, BEFORE - reach :]))
+    later = np.maximum.accumulate(signal.time_s, axis=1)
+    return UnevenTimes(jnp.asarray(later), jnp.asarray(signal.before.time_s[:, BEFORE - reach :]))
 
 
 def _low_pass_and_reach(
@@ -466,7 +466,7 @@ def _estimates_contact(dataset: Dataset, specification: ModelSpecification, sign
     Not where contact may lie in several intervals, of which each has the same places.
     """
     asked = signal.phase.kind == "undecided" or (signal.phase.kind == "between" and _bent(signal))
-    within = asked and bool((signal.interval_s > 0).any())
+    within = asked and bool((signal.contact.interval_s > 0).any())
     return within and not _low_pass_and_reach(dataset, specification, signal)[1]
 
 
@@ -479,7 +479,7 @@ def _bent(signal: Displacements) -> bool:
     """
     n, peak = signal.time_to_peak / signal.dt, np.abs(signal.deceleration).max(axis=1)
     with np.errstate(divide="ignore"):
-        second_order = (np.pi / 4 / n) ** 2 / 2 * np.sqrt(n) * peak / signal.noise_sd
+        second_order = (np.pi / 4 / n) ** 2 / 2 * np.sqrt(n) * peak / signal.quiet.noise_sd
     return bool(np.median(second_order) > _BENT)
 
 
@@ -492,14 +492,14 @@ def _reach(
     """In how many sampling intervals before the first sample contact may be; none where it is known."""
     if recorder is not None and low_pass is not None:
         # No force jumps behind it.
-        return int(np.ceil(((signal.reach_s + delay(recorder)) / signal.dt).max())) + low_pass.lead
+        return int(np.ceil(((signal.before.reach_s + delay(recorder)) / signal.dt).max())) + low_pass.lead
     if specification.discrepancy == "always":
         return 0
-    if not element(specification.element).jumps and (signal.reach_s > 0).all():
-        return min(int(np.ceil((signal.reach_s / signal.dt).max())), BEFORE)
-    if signal.blurred.any():
+    if not element(specification.element).jumps and (signal.before.reach_s > 0).all():
+        return min(int(np.ceil((signal.before.reach_s / signal.dt).max())), BEFORE)
+    if signal.before.blurred.any():
         # Noise hides the jump: contact is anywhere between two moments, too far apart to be linear in.
-        return min(int(np.ceil((2 * signal.bracket_s / signal.dt).max())), BEFORE)
+        return min(int(np.ceil((2 * signal.contact.bracket_s / signal.dt).max())), BEFORE)
     return 0
 
 

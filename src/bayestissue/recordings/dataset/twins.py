@@ -97,24 +97,17 @@ def _again(rows: list[tuple[int, np.ndarray]], whole: list[np.ndarray]) -> Itera
     noise = np.array([_noise(whole[place]) for place in places])
     height = np.array([np.ptp(value) for value in values])
     first: dict[int, int] = {}
-    for landmark in (_highest, _steepest):
-        at = np.array([landmark(value) for value in values])
+    window, steep = TWINS.window, TWINS.steep
+    heights = (np.abs(value[1:-window] - value.mean()) for value in values)
+    rises = (np.abs(value[1 + steep : steep - window] - value[1:-window]) for value in values)
+    for sizes in (heights, rises):
+        at = np.array([1 + int(np.argmax(size)) for size in sizes])
         for one, other, lag in _alike(values, at, TWINS.near * noise + TWINS.arithmetic * height):
             limit = TWINS.near * min(noise[one], noise[other]) + TWINS.arithmetic * height[one]
             if places[one] != places[other] and _differ(values[one], values[other], lag) < limit:
                 earlier, later = sorted((places[one], places[other]))
                 first[later] = min(earlier, first.get(later, earlier))
     yield from ((later, first[later], False) for later in sorted(first))
-
-
-def _highest(value: np.ndarray) -> int:
-    inside = value[1 : -TWINS.window]
-    return 1 + int(np.argmax(np.abs(inside - value.mean())))
-
-
-def _steepest(value: np.ndarray) -> int:
-    later, inside = value[1 + TWINS.steep : TWINS.steep - TWINS.window], value[1 : -TWINS.window]
-    return 1 + int(np.argmax(np.abs(later - inside)))
 
 
 def _alike(values: Sequence[np.ndarray], at: np.ndarray, near: np.ndarray) -> Iterator[tuple[int, int, int]]:

@@ -187,7 +187,7 @@ def _contact_untold(dataset: Dataset, signal: Displacements) -> bool:
     """
     if dataset.contact or dataset.recorder or dataset.quantity == "displacement":
         return False
-    begins_there = np.median(signal.n_before) < CONTACT.quiet_samples
+    begins_there = np.median(signal.before.n_samples) < CONTACT.quiet_samples
     return signal.phase.kind == "undecided" or bool(begins_there and not signal.phase.known)
 
 

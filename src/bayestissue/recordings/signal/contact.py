@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY, Quantity
+from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY, LowPassFilter, Quantity
 from bayestissue.recordings.dataset.ragged_traces import Trace, Traces
+from bayestissue.recordings.signal.filters import ahead_s
 from bayestissue.recordings.signal.padded_traces import (
     Column,
     Index,
@@ -33,7 +34,8 @@ class QuietPart(NamedTuple):
     Attributes:
         there: whether there is such a part.
         samples: how many it has.
-        offset: their mean, in the unit of the recording; 0 without any.
+        offset: their mean, in the unit of the recording, which is subtracted from it; 0 without any. Of a
+            recorded displacement its value at contact.
         noise_sd: standard deviation of the recorder's noise, in that unit.
     """
 
@@ -49,6 +51,10 @@ class QuietPart(NamedTuple):
         of_scatter = standard_error(self.noise_sd, count)
         sd = np.where(count >= CONTACT.scatter_samples, of_scatter, self.noise_sd / np.sqrt(count))
         return np.where(self.there, sd, np.nan)
+
+    def zero_sd(self, declared: float | Column) -> Column:
+        """[impact], of the zero's error: of this part where there is one, else as declared."""
+        return np.where(self.there, self.offset_sd, declared)
 
 
 @dataclass(frozen=True)
@@ -103,28 +109,31 @@ def since_release(recordings: PaddedTraces) -> PaddedTraces:
     return from_sample(recordings, first)
 
 
-def find_onset(recordings: PaddedTraces, options: SignalOptions) -> Onset:
+def find_onset(
+    recordings: PaddedTraces, options: SignalOptions, recorder: LowPassFilter | None = None
+) -> Onset:
     """See `_onset`; where noise is large beside the peak, in means of so many samples as leave little of it.
 
-    Contact is then known to within the mean's width only.
+    Contact is then known to within the mean's width only. Before it a filter that is run backwards answers.
     """
     sd = noise_sd(recordings)
+    ahead = np.ceil(ahead_s(recorder, recordings.dt).max() / recordings.dt).astype(int)
     peak = np.maximum(np.where(recordings.inside, recordings.value, 0.0).max(axis=1), 0.0)
     share = np.minimum(sd, peak) / np.where(peak > 0, peak, 1.0)
-    width = np.minimum((CONTACT.blur * share) ** 2, recordings.n / 8)
+    width = np.minimum((CONTACT.blur * share) ** 2, recordings.n_samples / 8)
     half = np.maximum(np.ceil((width - 1) / 2), 0).astype(int)
     if options.contact != "automatic" or not half.any():
-        return _onset(recordings, options, sd)
+        return _onset(recordings, options, sd, ahead)
     root, blurred = np.sqrt(2 * half + 1), half > 0
-    means = _onset(replace(recordings, value=_means(recordings, half)), options, sd / root)
+    means = _onset(replace(recordings, value=_means(recordings, half)), options, sd / root, ahead)
     margin = 2 * half * recordings.dt
     # Means overlap, and the last of them hold samples in contact: the quiet part is that of the samples.
     last_quiet = means.first - np.rint(means.most / recordings.dt).astype(int)
-    of_samples = _quiet_part(recordings, last_quiet - half - _ahead(recordings), sd, peak)
+    of_samples = _quiet_part(recordings, last_quiet - half - ahead, sd, peak)
     pairs = zip(of_samples, means.quiet, strict=True)
     return replace(
         means,
-        first=np.minimum(means.first + half, recordings.n - 1),
+        first=np.minimum(means.first + half, recordings.n_samples - 1),
         most=means.most + margin,
         quiet=QuietPart(*(np.where(blurred, *pair) for pair in pairs)),
         reach=means.reach + margin,
@@ -132,30 +141,25 @@ def find_onset(recordings: PaddedTraces, options: SignalOptions) -> Onset:
     )
 
 
-def _ahead(recordings: PaddedTraces) -> Index:
-    """Samples before contact that a filter run backwards answers in."""
-    return np.ceil(recordings.ahead_s / recordings.dt).astype(int)
-
-
 def _means(recordings: PaddedTraces, half: Index) -> np.ndarray:
     """The mean of each sample and ``half`` of them on either side, of fewer at a recording's ends."""
     sums = np.pad(np.cumsum(np.where(recordings.inside, recordings.value, 0.0), axis=1), ((0, 0), (1, 0)))
     index = np.arange(recordings.value.shape[1])
     low = np.maximum(index - half[:, None], 0)
-    high = np.minimum(index + half[:, None] + 1, recordings.n[:, None])
+    high = np.minimum(index + half[:, None] + 1, recordings.n_samples[:, None])
     rows = np.take_along_axis(sums, high, axis=1) - np.take_along_axis(sums, low, axis=1)
     return np.where(recordings.inside, rows / np.maximum(high - low, 1), recordings.value)
 
 
-def _onset(recordings: PaddedTraces, options: SignalOptions, noise: Column) -> Onset:
+def _onset(recordings: PaddedTraces, options: SignalOptions, noise: Column, ahead: Index) -> Onset:
     """Contact in recorded decelerations (m/s², positive while the impactor slows), all impacts at once.
 
     automatic: the baseline is the mean of the quiet part, or 0 where the recording has none. Going back
     from the peak, the last sample less than five noise standard deviations above the baseline ends the
     search: the one after it is certain to be in contact, and contact lies after the last sample within three
     standard deviations. Where the rise is so gentle that several samples lie between the two, half as many
-    again are allowed for before. What a filter run backwards answers before contact is not quiet. threshold
-    and time-zero: see `SignalOptions`.
+    again are allowed for before. What a filter run backwards answers, ``ahead`` samples before contact, is
+    not quiet. threshold and time-zero: see `SignalOptions`.
     """
     deceleration = np.where(recordings.inside, recordings.value, -np.inf)
     peak_index = np.argmax(deceleration, axis=1)
@@ -168,7 +172,6 @@ def _onset(recordings: PaddedTraces, options: SignalOptions, noise: Column) -> O
     sd = np.maximum(noise, CONTACT.rounding * np.abs(peak))
     baseline = _first_baseline(recordings, peak, last_below)
     first = last_below(baseline + CONTACT.certain * sd) + 1
-    ahead = _ahead(recordings)
     _, _, baseline, sd = _quiet_part(recordings, first - ahead, sd, peak)
     # The second look has the mean and the scatter of the whole quiet part to go by.
     first = last_below(baseline + CONTACT.certain * sd) + 1
@@ -220,12 +223,12 @@ def from_time_zero(recordings: PaddedTraces) -> tuple[Index, Column]:
     # Times are sums and quotients in floating point: a millionth of an interval counts as no time.
     since = -recordings.start / recordings.dt - 1e-6
     behind = recordings.inside & (recordings.sample_numbers >= since[:, None])
-    first = first_where(behind, recordings.n - 1)
+    first = first_where(behind, recordings.n_samples - 1)
     return first, np.maximum(recordings.start + recordings.sample_number_of(first) * recordings.dt, 0)
 
 
 def _first_baseline(recordings: PaddedTraces, peak: Column, last_below: Callable[[Column], Index]) -> Column:
-    start, _ = segment_moments(recordings.value, np.minimum(recordings.n, CONTACT.quiet_samples))
+    start, _ = segment_moments(recordings.value, np.minimum(recordings.n_samples, CONTACT.quiet_samples))
     start = np.where(start < CONTACT.quiet_ceiling * peak, start, 0)
     low = last_below(start + 0.2 * (peak - start)) + 1
     # The later half of these samples may hold the foot of a gentle rise.

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Int
 
 from bayestissue.base.errors import Coded, by_impact
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.dataset.model import Dataset
-from bayestissue.recordings.signal.contact import Onset, displacement_contact, find_onset, motion_of
-from bayestissue.recordings.signal.filters import ahead_s
+from bayestissue.recordings.signal.contact import (
+    Onset,
+    QuietPart,
+    displacement_contact,
+    find_onset,
+    motion_of,
+)
 from bayestissue.recordings.signal.integrals import Rule, clear_velocity, cumulative, derivatives
 from bayestissue.recordings.signal.padded_traces import (
     Column,
@@ -39,46 +46,71 @@ BELOW_ZERO = Coded.stated("starts-deep.below")
 BEFORE = 60
 
 
-@dataclass(frozen=True)
-class Displacements:
-    """Displacements of all impacts over their windows, in SI units.
+class Stop(NamedTuple):
+    """Zero velocity: the first sample at or past it, its time since the first sample (s), and x there (m).
+
+    Where the velocity does not reach zero before the tissue stops pushing, the last sample until then stands
+    in; ``reached`` is false unless hardly any velocity is left there.
+    """
+
+    sample: Index
+    time: Column
+    x: Column
+    reached: Mask
+
+
+class Before(NamedTuple):
+    """What was recorded before the first sample in contact; nothing of a recorded displacement.
 
     Attributes:
-        x: [impact, sample], m, since contact; 0 past a row's end.
-        v: [impact, sample], velocity, m/s.
-        deceleration: [impact, sample], m/s², offset removed; along gravity force over mass.
-        n_samples: [impact], samples in the window.
-        dt: [impact], sampling interval, s; of uneven times the mean one.
-        sample_number: [impact, sample], times of x since the first sample, in sampling intervals: 0, 1, 2 and
-            so on where times are even, else between whole numbers.
-        uneven: [impact], whether times are uneven.
-        clipped: [impact, sample], 1 where the deceleration stands at the sensor's upper limit, -1 at its
-            lower one, else 0; x and v are then of a deceleration that goes on beyond.
-        mass: [impact], kg.
-        velocity: [impact], at contact, m/s.
-        gravity: [impact], along the motion, m/s².
-        contact_time_s: [impact], on the recording's own clock.
-        contact_time_sd: [impact], s; 0 where contact was given.
-        first_sample_s: [impact], time from contact to the first sample of x, s.
-        bracket_s, bracket_sd: [impact], the same and its standard deviation, s, before the samples in contact
-            were asked: what a model of those samples themselves may start from.
-        bracket_uniform: [impact], whether contact may then have been at any moment between two samples.
-        interval_s: [impact], the sampling interval that contact falls in; 0 where that is not known.
-        time_to_peak: [impact], from contact to zero velocity, s.
-        peak_displacement: [impact], at zero velocity, since contact, m.
-        offset: [impact], what was subtracted from the recording, in its own SI unit.
-        offset_sd: [impact], standard error of that, from the noise of the quiet part; NaN where nothing was
-            subtracted.
-        noise_sd: [impact], standard deviation of the recording's white noise, same unit.
-        before: [impact, `BEFORE`], the last samples before the first one of x, offset removed, m/s²; 0 where
-            there are none, as of a recorded displacement.
-        before_s: [impact, `BEFORE`], when these were, since the first sample of x, negative, s.
-        n_before: [impact], how many of these there are.
+        value: [impact, `BEFORE`], the last samples before that one, offset removed, m/s²; 0 where there are
+            none.
+        time_s: [impact, `BEFORE`], when these were, since that one, negative, s.
+        n_samples: [impact], how many of these there are.
         n_since_quiet: [impact], how many of these at most are later than the quiet part whose mean was
             subtracted; all where there was none.
-        reach_s: [impact], for how long before the first sample a force that rises from 0 may have acted
-            without showing, s; 0 where contact was given.
+        reach_s: [impact], for how long before that sample a force that rises from 0 may have acted without
+            showing, s; 0 where contact was given.
         blurred: [impact], where noise hides a jump of the force too: contact was looked for in means.
+    """
+
+    value: Rows
+    time_s: Rows
+    n_samples: Index
+    n_since_quiet: Index
+    reach_s: Column
+    blurred: Mask
+
+    @classmethod
+    def of(cls, recordings: ImpactTraces, onset: Onset) -> Before:
+        """By the whole recordings."""
+        index = onset.first[:, None] - BEFORE + np.arange(BEFORE)
+        value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1)
+        since_first = recordings.sample_number_of(index) - recordings.sample_number_of(onset.first)[:, None]
+        return cls(
+            np.where(index >= 0, value - onset.quiet.offset[:, None], 0.0),
+            since_first * recordings.dt[:, None],
+            np.minimum(onset.first, BEFORE),
+            onset.first - onset.quiet.samples,
+            onset.reach,
+            onset.blurred,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Displacements(ImpactTraces):
+    """Decelerations of impacts from their first sample in contact on, and the motion that they give.
+
+    Of the traces, ``value`` is the deceleration, offset removed, m/s²; along gravity force over mass. Past a
+    row's end all are 0.
+
+    Attributes:
+        x: [impact, sample], m, since contact; that of a deceleration that goes on beyond the sensor's limit.
+        v: [impact, sample], velocity, m/s, of the same.
+        contact: when that was, before the first sample.
+        stop: zero velocity.
+        quiet: zero and noise of the recording.
+        before: the samples before the first one.
         flags: per impact, what is wrong with it.
         notes: per impact, what is not wrong, but should be known.
         phase: where contact falls within a sampling interval.
@@ -86,63 +118,90 @@ class Displacements:
 
     x: Rows
     v: Rows
-    deceleration: Rows
-    n_samples: Index
-    dt: Column
-    sample_number: Rows
-    uneven: Mask
-    clipped: Rows
-    mass: Column
-    velocity: Column
-    gravity: Column
-    contact_time_s: Column
-    contact_time_sd: Column
-    first_sample_s: Column
-    bracket_s: Column
-    bracket_sd: Column
-    bracket_uniform: Mask
-    interval_s: Column
-    time_to_peak: Column
-    peak_displacement: Column
-    offset: Column
-    offset_sd: Column
-    noise_sd: Column
-    before: Rows
-    before_s: Rows
-    n_before: Index
-    n_since_quiet: Index
-    reach_s: Column
-    blurred: Mask
-    flags: list[list[Coded]]
-    notes: list[list[Coded]]
+    contact: Start
+    stop: Stop
+    quiet: QuietPart
+    before: Before
+    flags: list[list[Coded]] = field(default_factory=list)
+    notes: list[list[Coded]] = field(default_factory=list)
     phase: Phase = BETWEEN
 
     @property
-    def traces(self) -> ImpactTraces:
-        """The decelerations of the window."""
-        names = ("sample_number", "mass", "velocity", "gravity")
-        columns: Any = {name: getattr(self, name) for name in names}
-        rows = self.deceleration, self.n_samples, self.first_sample_s, self.dt, self.clipped
-        return ImpactTraces(*rows, **columns)
-
-    @property
-    def inside(self) -> Mask:
-        """[impact, sample], True where there is a sample."""
-        return np.arange(self.x.shape[1]) < self.n_samples[:, None]
+    def deceleration(self) -> Rows:
+        """[impact, sample], m/s²."""
+        return self.value
 
     @property
     def n_below_limit(self) -> Index:
-        """[impact], samples in the window that are not at the sensor's limit."""
-        return self.n_samples - (self.clipped != 0).sum(axis=1)
+        """[impact], samples that are not at the sensor's limit."""
+        return self.n_samples - self.at_limit.sum(axis=1)
 
-    def zero_sd(self, declared: float | Column) -> Column:
-        """[impact], of the zero's error: of the quiet part whose mean was subtracted, else as declared."""
-        return np.where(np.isfinite(self.offset_sd), self.offset_sd, declared)
+    @property
+    def contact_time_s(self) -> Column:
+        """[impact], on the recording's own clock."""
+        return self.start - self.contact.since_s
 
     @property
     def since_contact_s(self) -> Rows:
-        """[impact, sample], when each sample of x was, s."""
-        return self.first_sample_s[:, None] + self.sample_number * self.dt[:, None]
+        """[impact, sample], when each sample was, s."""
+        return self.contact.since_s[:, None] + self.time_s
+
+    @property
+    def time_to_peak(self) -> Column:
+        """[impact], from contact to zero velocity, s."""
+        return self.contact.since_s + self.stop.time
+
+    def impacts(self, rows: Int[np.ndarray, " row"]) -> Displacements:
+        """Those of these rows."""
+
+        def chosen(whole: Any) -> Any:
+            return [whole[row] for row in rows] if isinstance(whole, list) else whole[rows]
+
+        return _joined([self], chosen)
+
+    def samples_in(self, window: Window) -> Index:
+        """How many samples from the first one on lie in the window.
+
+        rebound ends where, after zero velocity, d falls below 2 % of its peak or three noise standard
+        deviations (the tissue no longer pushes) or x is back at 0.
+        """
+        d, inside = self.value, self.inside
+        if window == "rebound":
+            floor = np.maximum(0.02 * np.where(inside, d, 0).max(axis=1), 3 * self.quiet.noise_sd)
+            over = (d <= floor[:, None]) | (self.x <= 0)
+            late = np.arange(d.shape[1]) >= self.stop.sample[:, None]
+            return first_where(over & inside & late, self.n_samples)
+        fraction, since_contact = 1.0 if window == "peak" else float(window), self.contact.since_s
+        until = fraction * (since_contact + self.stop.time) - since_contact
+        return np.sum(inside & (self.time_s <= (until + 1e-9 * self.dt)[:, None]), axis=1)
+
+    def over_window(
+        self, options: SignalOptions, flags: dict[Coded, Mask], notes: dict[Coded, Mask]
+    ) -> Displacements:
+        """The same over the window that the options choose, with flags and notes, those of the window too."""
+        n, sample = self.samples_in(options.window), np.arange(self.clipped.shape[1])
+
+        def below_limit(n: Index) -> Index:
+            return ((sample < n[:, None]) & ~self.at_limit).sum(axis=1)
+
+        longer = self.at_limit.any(axis=1) & (below_limit(n) < WINDOW.few_below)
+        slowly = ~longer & (below_limit(n) < FEWEST_SAMPLES) & (options.window == "peak") & self.stop.reached
+        if (longer | slowly).any():
+            # What the sensor did not see on the way in stands on the way back.
+            n = np.where(longer | slowly, np.maximum(n, self.samples_in("rebound")), n)
+        used = np.arange(int(n.max())) < n[:, None]
+        few = below_limit(n) < FEWEST_SAMPLES
+        drifts = few & flags.get(NO_CONTACT, False)
+        rows: Any = {"x": self.x, "v": self.v, "value": self.value, "clipped": self.clipped}
+        rows = {name: np.where(used, values[:, : used.shape[1]], 0) for name, values in rows.items()}
+        return replace(
+            self,
+            **rows,
+            n_samples=n,
+            sample_number=self.sample_numbers[:, : used.shape[1]],
+            flags=by_impact({**flags, NO_CONTACT: drifts, TOO_FEW: few & ~drifts}, len(n)),
+            notes=by_impact({**notes, Coded.stated("clipped.few"): longer, SLOWLY: slowly & ~few}, len(n)),
+        )
 
 
 def displacements(
@@ -162,17 +221,18 @@ def displacements(
     options = options or SignalOptions()
     mass, velocity = (dataset.impacts[name].to_numpy(dtype=float) for name in ("mass_kg", "velocity_m_s"))
     gravity = np.full(len(mass), dataset.gravity)
-    blocks = _blocks(len(mass), max(len(trace.value) for trace in dataset.traces))
+    # So many at a time that arrays of all their samples stay small.
+    size = max(1, WINDOW.block // max(len(trace.value) for trace in dataset.traces))
+    blocks = [slice(begin, begin + size) for begin in range(0, len(mass), size)]
 
     def met(rows: slice) -> ImpactTraces:
         traces = motion_of(dataset.traces[rows], dataset.quantity)
-        ahead = float(ahead_s(dataset.recorder, traces.dt).max())
-        of_impacts = {"mass": mass[rows], "velocity": velocity[rows], "gravity": gravity[rows]}
-        return ImpactTraces(**vars(traces) | of_impacts | {"ahead_s": ahead})
+        return ImpactTraces(**vars(traces), mass=mass[rows], velocity=velocity[rows], gravity=gravity[rows])
 
     if dataset.quantity == "displacement":
         return _joined([_recorded(met(rows), options) for rows in blocks])
-    signals, evidence = zip(*(_integrated(met(rows), options, rule) for rows in blocks), strict=True)
+    chosen = dataset.recorder, options, rule
+    signals, evidence = zip(*(_integrated(met(rows), *chosen) for rows in blocks), strict=True)
     if dataset.recorder is not None:
         # No force jumps behind a low-pass, and contact has no interval of its own.
         return _joined(signals)
@@ -180,25 +240,11 @@ def displacements(
     of_all = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
     phase = phase_of(of_all, sd, dataset.contact)
     if phase.known:
-        signals = tuple(_integrated(met(rows), options, rule, phase)[0] for rows in blocks)
+        signals = tuple(_integrated(met(rows), *chosen, phase)[0] for rows in blocks)
     signal = _joined(signals)
     of_phase = [Coded.stated("contact-on-sample")] * (phase.known and phase.judged)
     of_phase += [NOT_ON_SAMPLE] * phase.contradicted
     return replace(signal, phase=phase, notes=[row + of_phase for row in signal.notes])
-
-
-@dataclass(frozen=True)
-class Stop:
-    """Zero velocity: the first sample at or past it, its time since the first sample (s), and x there (m).
-
-    Where the velocity does not reach zero before the tissue stops pushing, the last sample until then stands
-    in; ``reached`` is false unless hardly any velocity is left there.
-    """
-
-    index: Index
-    time: Column
-    x: Column
-    reached: Mask
 
 
 def still_pushed(decelerations: ImpactTraces, noise_sd: Column) -> Mask:
@@ -224,7 +270,7 @@ def zero_velocity(slowing: ImpactTraces, v: Rows, x: Rows, pushed: Mask) -> Stop
     last = pushed.sum(axis=1) - 1
     passed = (v <= 0) & pushed
     index = first_where(passed, last)
-    left = (last < slowing.n - 1) & (at(v, last) < WINDOW.stopped * slowing.velocity)
+    left = (last < slowing.n_samples - 1) & (at(v, last) < WINDOW.stopped * slowing.velocity)
     reached = passed.any(axis=1)
     before = np.maximum(index - 1, 0)
     v0, v1 = at(v, before), at(v, index)
@@ -251,7 +297,7 @@ def slowest(displacements: ImpactTraces, v: Rows) -> Stop:
         displacements: from the first sample in contact on, m.
         v: [impact, sample], m/s.
     """
-    x, inside, last = displacements.value, displacements.inside, displacements.n - 1
+    x, inside, last = displacements.value, displacements.inside, displacements.n_samples - 1
     slow = v < WINDOW.slow * displacements.velocity[:, None]
     passed = (v <= 0) & inside
     reached = passed.any(axis=1)
@@ -265,92 +311,14 @@ def slowest(displacements: ImpactTraces, v: Rows) -> Stop:
     return Stop(index, (before + s) * displacements.dt, x_stop, reached)
 
 
-@dataclass(frozen=True)
-class MotionFromContact:
-    """Decelerations of impacts from their first sample in contact on, and the motion that they give.
-
-    Attributes:
-        traces: the decelerations, m/s².
-        x, v: displacement and velocity, m and m/s.
-        start: contact.
-        stop: zero velocity.
-        noise_sd: of the recordings.
-    """
-
-    traces: ImpactTraces
-    x: Rows
-    v: Rows
-    start: Start
-    stop: Stop
-    noise_sd: Column
-
-    def samples_in(self, window: Window) -> Index:
-        """How many samples from the first one on lie in the window.
-
-        rebound ends where, after zero velocity, d falls below 2 % of its peak or three noise standard
-        deviations (the tissue no longer pushes) or x is back at 0.
-        """
-        d, inside = self.traces.value, self.traces.inside
-        if window == "rebound":
-            floor = np.maximum(0.02 * np.where(inside, d, 0).max(axis=1), 3 * self.noise_sd)
-            over = (d <= floor[:, None]) | (self.x <= 0)
-            late = np.arange(d.shape[1]) >= self.stop.index[:, None]
-            return first_where(over & inside & late, self.traces.n)
-        fraction, since_contact = 1.0 if window == "peak" else float(window), self.start.since_contact
-        until = fraction * (since_contact + self.stop.time) - since_contact
-        return np.sum(inside & (self.traces.time_s <= (until + 1e-9 * self.traces.dt)[:, None]), axis=1)
-
-    def windowed(
-        self, options: SignalOptions, flags: dict[Coded, Mask], notes: dict[Coded, Mask], **columns: Any
-    ) -> Displacements:
-        """The motion over the window; ``columns`` are attributes as they are."""
-        part, start, stop, n = self.traces, self.start, self.stop, self.samples_in(options.window)
-        sample = np.arange(part.clipped.shape[1])
-
-        def below_limit(n: Index) -> Index:
-            return ((sample < n[:, None]) & ~part.at_limit).sum(axis=1)
-
-        longer = part.at_limit.any(axis=1) & (below_limit(n) < WINDOW.few_below)
-        slowly = ~longer & (below_limit(n) < FEWEST_SAMPLES) & (options.window == "peak") & stop.reached
-        if (longer | slowly).any():
-            # What the sensor did not see on the way in stands on the way back.
-            n = np.where(longer | slowly, np.maximum(n, self.samples_in("rebound")), n)
-        used = np.arange(int(n.max())) < n[:, None]
-        few = below_limit(n) < FEWEST_SAMPLES
-        drifts = few & flags.get(NO_CONTACT, False)
-        of_samples = (self.x, self.v, part.value, part.clipped)
-        x, v, d, clipped = (np.where(used, rows[:, : used.shape[1]], 0) for rows in of_samples)
-        return Displacements(
-            x=x,
-            v=v,
-            deceleration=d,
-            clipped=clipped,
-            n_samples=n,
-            dt=part.dt,
-            sample_number=part.sample_numbers[:, : used.shape[1]],
-            uneven=part.uneven,
-            mass=part.mass,
-            velocity=part.velocity,
-            gravity=part.gravity,
-            contact_time_s=part.start - start.since_contact,
-            contact_time_sd=start.since_contact_sd,
-            first_sample_s=start.since_contact,
-            bracket_s=start.bracket,
-            bracket_sd=start.bracket_sd,
-            bracket_uniform=start.bracket_uniform,
-            time_to_peak=start.since_contact + stop.time,
-            peak_displacement=stop.x,
-            noise_sd=self.noise_sd,
-            flags=by_impact({**flags, NO_CONTACT: drifts, TOO_FEW: few & ~drifts}, len(n)),
-            notes=by_impact({**notes, Coded.stated("clipped.few"): longer, SLOWLY: slowly & ~few}, len(n)),
-            **columns,
-        )
-
-
 def _integrated(
-    recordings: ImpactTraces, options: SignalOptions, rule: Rule, phase: Phase = BETWEEN
+    recordings: ImpactTraces,
+    recorder: LowPassFilter | None,
+    options: SignalOptions,
+    rule: Rule,
+    phase: Phase = BETWEEN,
 ) -> tuple[Displacements, ContactEvidence]:
-    onset = find_onset(recordings, options)
+    onset = find_onset(recordings, options, recorder)
     quiet = onset.quiet
     recorded = from_sample(recordings, onset.first)
     recorded = replace(recorded, value=recorded.value - quiet.offset[:, None])
@@ -361,8 +329,7 @@ def _integrated(
     first = cumulative(slowing, rule)
     second = cumulative(replace(part, value=first), rule)
     bracketed = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
-    known = np.where(bracketed, phase.place * dt, np.nan)
-    start = find_start(part, (first, second), bracket, known)
+    start = find_start(part, (first, second), bracket, np.where(bracketed, dt, 0.0), phase.place)
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * part.time_s - second
     # The last sample clear of great noise is one that the noise has lifted.
@@ -373,15 +340,9 @@ def _integrated(
         Coded.stated("contact-doubtful"): onset.doubtful,
         NO_CONTACT: ~quiet.there & (onset.first >= CONTACT.quiet_samples),
     }
-    signal = MotionFromContact(recorded, x, v, start, stop, quiet.noise_sd).windowed(
-        options,
-        flags,
-        {Coded.stated("no-quiet-part"): ~quiet.there, Coded.stated("uneven-times"): part.uneven},
-        offset=quiet.offset,
-        offset_sd=quiet.offset_sd,
-        interval_s=np.where(bracketed, dt, 0.0),
-        **_before(recordings, onset),
-    )
+    notes = {Coded.stated("no-quiet-part"): ~quiet.there, Coded.stated("uneven-times"): part.uneven}
+    parts: Any = {"contact": start, "stop": stop, "quiet": quiet, "before": Before.of(recordings, onset)}
+    signal = Displacements(**vars(recorded), x=x, v=v, **parts).over_window(options, flags, notes)
     # Beyond the sensor's limit a trace is what a spring and damper makes of it: it tells nothing of contact.
     bracketed &= (part.clipped == 0).all(axis=1)
     # Nor does one that begins with its greatest force, of heavily damped tissue: what falls from there on
@@ -389,21 +350,6 @@ def _integrated(
     bracketed &= d[:, 0] < CONTACT.most_jump * np.where(inside, d, 0.0).max(axis=1)
     at_zero = np.abs(part.start[:, None] - np.array([0.0, 1.0]) * dt[:, None]) < 1e-6 * dt[:, None]
     return signal, ContactEvidence(start.free, start.free_sd, start.by_velocity, dt, bracketed, at_zero)
-
-
-def _before(recordings: ImpactTraces, onset: Onset) -> dict[str, Any]:
-    """What was recorded before the first sample in contact: see `Displacements`."""
-    index = onset.first[:, None] - BEFORE + np.arange(BEFORE)
-    value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - onset.quiet.offset[:, None]
-    since_first = recordings.sample_number_of(index) - recordings.sample_number_of(onset.first)[:, None]
-    return {
-        "before": np.where(index >= 0, value, 0.0),
-        "before_s": since_first * recordings.dt[:, None],
-        "n_before": np.minimum(onset.first, BEFORE),
-        "n_since_quiet": onset.first - onset.quiet.samples,
-        "reach_s": onset.reach,
-        "blurred": onset.blurred,
-    }
 
 
 def _recorded(recordings: ImpactTraces, options: SignalOptions) -> Displacements:
@@ -427,34 +373,35 @@ def _recorded(recordings: ImpactTraces, options: SignalOptions) -> Displacements
     flags = {BELOW_ZERO: below, Coded.stated("no-zero-velocity.least"): ~stop.reached & ~below}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
     zero, none, rows = np.zeros_like(sd), np.zeros(len(sd), int), np.zeros((len(sd), BEFORE))
-    free = (since_contact, sd, zero)
-    start = Start(since_contact, sd, since_contact, sd, none > 0, *free, x[:, 0], v[:, 0])
+    known = (since_contact, sd)
     slowing = replace(part, value=d, velocity=velocity, clipped=np.zeros_like(x))
-    nothing = {"interval_s": zero, "reach_s": zero, "n_before": none, "n_since_quiet": none}
-    nothing |= {"before": rows, "before_s": rows, "blurred": none > 0, "offset_sd": zero * np.nan}
-    motion = MotionFromContact(slowing, x, v, start, stop, noise)
-    return motion.windowed(options, flags, {}, offset=at_contact, **nothing)
+    motion = Displacements(
+        **vars(slowing),
+        x=x,
+        v=v,
+        contact=Start(*known, *known, none > 0, zero, *known, zero, x[:, 0], v[:, 0]),
+        stop=stop,
+        quiet=QuietPart(none > 0, none, at_contact, noise),
+        before=Before(rows, rows, none, none, zero, none > 0),
+    )
+    return motion.over_window(options, flags, {})
 
 
-def _blocks(count: int, longest: int) -> list[slice]:
-    """Of ``count`` impacts so many at a time that arrays of ``longest`` samples each stay small."""
-    size = max(1, WINDOW.block // longest)
-    return [slice(begin, begin + size) for begin in range(0, count, size)]
-
-
-def _joined(parts: Sequence[Displacements]) -> Displacements:
-    """The impacts of all parts; the phase is that of none of them."""
-    if len(parts) == 1:
-        return parts[0]
-    names = [field.name for field in fields(Displacements) if field.name != "phase"]
-    return Displacements(**{name: _end_to_end([getattr(part, name) for part in parts]) for name in names})
-
-
-def _end_to_end(parts: list[Any]) -> Any:
+def _end_to_end(*parts: Any) -> Any:
     """Lists, columns, or rows of which shorter ones are filled up with 0."""
     if isinstance(parts[0], list):
         return [row for part in parts for row in part]
     if parts[0].ndim == 2:
         width = max(part.shape[1] for part in parts)
-        parts = [np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts]
+        parts = tuple(np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts)
     return np.concatenate(parts)
+
+
+def _joined(parts: Sequence[Displacements], join: Callable[..., Any] = _end_to_end) -> Displacements:
+    """What ``join`` makes of the lists and arrays of all parts, and the phase of the first."""
+
+    def joined(*items: Any) -> Any:
+        return type(items[0])(*map(joined, *items)) if isinstance(items[0], tuple) else join(*items)
+
+    names = [one.name for one in fields(Displacements) if one.name != "phase"]
+    return replace(parts[0], **{name: joined(*(getattr(part, name) for part in parts)) for name in names})

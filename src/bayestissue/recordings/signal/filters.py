@@ -190,9 +190,9 @@ def _quiet_parts(
     dataset: Dataset, signal: Displacements, recorder: LowPassFilter
 ) -> list[tuple[Float[np.ndarray, " sample"], float]]:
     """What was recorded before an impact could show, and the sampling interval, where that is noise."""
-    first = signal.contact_time_s + signal.first_sample_s
-    end = first - signal.reach_s - ahead_s(recorder, signal.dt)
-    rows = np.flatnonzero(np.isfinite(signal.offset_sd))
+    first = signal.contact_time_s + signal.contact.since_s
+    end = first - signal.before.reach_s - ahead_s(recorder, signal.dt)
+    rows = np.flatnonzero(signal.quiet.there)
     rows = rows[np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), FILTER.impacts)).astype(int))]
     parts = []
     for row in rows:

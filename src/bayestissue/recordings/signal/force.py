@@ -296,7 +296,7 @@ class _Beside:
 
     def __init__(self, dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> None:
         force, slowing = stack(*dataset.further), stack(dataset.traces.slowing(dataset.quantity))
-        above = np.where(slowing.inside, slowing.value - signal.offset[:, None], 0.0)
+        above = np.where(slowing.inside, slowing.value - signal.quiet.offset[:, None], 0.0)
         slowing = replace(slowing, value=above)
         if channel.recorder != dataset.recorder:
             slowing = _passed(slowing, channel.recorder, 0.0)
@@ -314,7 +314,7 @@ class _Beside:
         count = inside.sum(axis=1)
         # At the sensor's limit d is not what it was.
         whole = (self.signal.clipped == 0).all(axis=1) & (count >= FEWEST_SAMPLES)
-        noise = count * (curve.mass[:, 0] * self.signal.noise_sd) ** 2
+        noise = count * (curve.mass[:, 0] * self.signal.quiet.noise_sd) ** 2
         values = np.where(inside, self.force.value, 0.0)
         # r (F(t - l) - e F'(t - l)) + b is linear in r, r e and b; e is what l lacks.
         lag = np.zeros(len(values))
@@ -391,7 +391,7 @@ class _Expected:
         self.reach = _REACH * signal.time_to_peak[:, None]
         times = (slowing.start - signal.contact_time_s)[:, None] + slowing.time_s
         self._samples = slowing.ragged(times, slowing.value)
-        first, last = times[:, :1], np.take_along_axis(times, slowing.n[:, None] - 1, axis=1)
+        first, last = times[:, :1], np.take_along_axis(times, slowing.n_samples[:, None] - 1, axis=1)
         self._begin = np.maximum(-signal.time_to_peak[:, None], first + 2 * self.reach)
         self._end = np.minimum(_AFTER * signal.time_to_peak[:, None], last - 2 * self.reach)
 

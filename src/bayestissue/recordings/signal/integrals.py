@@ -41,7 +41,7 @@ def cumulative(recordings: PaddedTraces, rule: Rule) -> Rows:
         return _of_splines(recordings)
     padded, width = _extended(recordings), y.shape[1] - 1
     quintic = sum(weight * padded[:, k : k + width] for k, weight in enumerate(_WEIGHTS))
-    steps = np.where(recordings.n[:, None] >= 6, quintic, (y[:, 1:] + y[:, :-1]) / 2)
+    steps = np.where(recordings.n_samples[:, None] >= 6, quintic, (y[:, 1:] + y[:, :-1]) / 2)
     return np.concatenate([np.zeros((len(y), 1)), np.cumsum(steps * dt, axis=1)], axis=1)
 
 
@@ -50,7 +50,7 @@ def _of_splines(recordings: PaddedTraces) -> Rows:
     from scipy.interpolate import CubicSpline
 
     y, time, integral = recordings.value, recordings.time_s, np.zeros_like(recordings.value)
-    for row, n in enumerate(recordings.n):
+    for row, n in enumerate(recordings.n_samples):
         if n > 1:
             integral[row, :n] = CubicSpline(time[row, :n], y[row, :n]).antiderivative()(time[row, :n])
     return integral
@@ -65,7 +65,7 @@ def trapezoids(
 
 
 def _extended(recordings: PaddedTraces) -> Rows:
-    y, n = recordings.value, recordings.n
+    y, n = recordings.value, recordings.n_samples
     rows = np.arange(len(y))
     padded = np.pad(y, ((0, 0), (2, 2)))
     for points, chosen in ((6, rows[n < 8]), (8, rows[n >= 8])):
@@ -119,7 +119,7 @@ def derivatives(recordings: PaddedTraces, over_s: float = WINDOW.smoothing_s) ->
     width = _parabola(recordings, over_s)
     if width < 3:
         return np.zeros_like(recordings.value), np.zeros_like(recordings.value)
-    index = np.minimum(np.arange(recordings.value.shape[1]), recordings.n[:, None] - 1)
+    index = np.minimum(np.arange(recordings.value.shape[1]), recordings.n_samples[:, None] - 1)
     level = np.take_along_axis(recordings.value, index, axis=1)
     slope = savgol_filter(level, width, 2, deriv=1, axis=1) / recordings.dt[:, None]
     curvature = savgol_filter(level, width, 2, deriv=2, axis=1) / recordings.dt[:, None] ** 2

@@ -20,18 +20,16 @@ type Index = Int[np.ndarray, " impact"]
 class PaddedTraces:
     """Rows padded with zeros: ``value`` [impact, sample], and per impact length, start and interval (s).
 
-    For ``ahead_s`` before contact a recorder's filter that is run backwards too has an answer. Where times
-    are uneven the interval is the mean one, and ``sample_number`` is the time of each sample since the first
-    in intervals, [impact, sample]; None where all are even. Where a sample stands at the sensor's limit,
-    ``clipped`` is 1 or -1, and else 0, [impact, sample].
+    Where times are uneven the interval is the mean one, and ``sample_number`` is the time of each sample
+    since the first in intervals, [impact, sample]; None where all are even. Where a sample stands at the
+    sensor's limit, ``clipped`` is 1 at its upper one and -1 at its lower, and else 0, [impact, sample].
     """
 
     value: Rows
-    n: Index
+    n_samples: Index
     start: Column
     dt: Column
     clipped: Rows
-    ahead_s: float = 0.0
     sample_number: Rows | None = None
 
     @property
@@ -50,8 +48,8 @@ class PaddedTraces:
         """The ``sample_number`` at these indices; beyond either end evenly on."""
         if self.sample_number is None:
             return index.astype(float)
-        index = index.reshape(len(self.n), -1)
-        inside = np.clip(index, 0, (self.n - 1)[:, None])
+        index = index.reshape(len(self.n_samples), -1)
+        inside = np.clip(index, 0, (self.n_samples - 1)[:, None])
         number = np.take_along_axis(self.sample_number, inside, axis=1) + (index - inside)
         return number[:, 0] if number.shape[1] == 1 else number
 
@@ -61,14 +59,15 @@ class PaddedTraces:
 
     def ragged(self, time: Rows, value: Rows) -> Traces:
         """Times and values of its samples end to end."""
-        return Traces(time[self.inside], value[self.inside], np.cumsum([0, *self.n]))
+        return Traces(time[self.inside], value[self.inside], np.cumsum([0, *self.n_samples]))
 
     @property
     def uneven(self) -> Mask:
         """Which rows, [impact], have uneven times."""
         if self.sample_number is None:
-            return np.zeros(len(self.n), bool)
-        return (self.sample_number != np.arange(self.sample_number.shape[1])).any(axis=1)
+            return np.zeros(len(self.n_samples), bool)
+        odd = self.sample_number != np.arange(self.sample_number.shape[1])
+        return (odd & self.inside).any(axis=1)
 
     @property
     def at_limit(self) -> Mask:
@@ -78,7 +77,7 @@ class PaddedTraces:
     @property
     def inside(self) -> Mask:
         """True where there is a sample."""
-        return np.arange(self.value.shape[1]) < self.n[:, None]
+        return np.arange(self.value.shape[1]) < self.n_samples[:, None]
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def at(values: Rows, index: Index) -> Column:
 
 def from_sample[T: PaddedTraces](recordings: T, first: Index) -> T:
     """Each recording from its sample ``first`` on; the padding repeats the last value."""
-    n, sample_number = np.maximum(recordings.n - first, 1), None
+    n, sample_number = np.maximum(recordings.n_samples - first, 1), None
     index = first[:, None] + np.minimum(np.arange(int(n.max())), n[:, None] - 1)
     since = recordings.sample_number_of(first)
     if recordings.sample_number is not None:
@@ -134,7 +133,7 @@ def from_sample[T: PaddedTraces](recordings: T, first: Index) -> T:
     return replace(
         recordings,
         value=np.take_along_axis(recordings.value, index, axis=1),
-        n=n,
+        n_samples=n,
         start=recordings.start + since * recordings.dt,
         sample_number=sample_number,
         clipped=np.take_along_axis(recordings.clipped, index, axis=1),
@@ -169,7 +168,7 @@ def noise_sd(recordings: PaddedTraces) -> Column:
     the jump at contact.
     """
     if recordings.value.shape[1] < 4:
-        return np.zeros(len(recordings.n))
+        return np.zeros(len(recordings.n_samples))
     difference = np.abs(_third_differences(recordings))
     inside = recordings.inside[:, 3:]
     ordered = np.sort(np.where(inside, difference, np.inf), axis=1)

@@ -14,6 +14,7 @@ g is gravity along the motion: d is force over mass.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -30,25 +31,28 @@ from bayestissue.recordings.signal.padded_traces import (
 from bayestissue.recordings.signal.signal_settings import BEYOND_LIMIT
 
 
-@dataclass(frozen=True)
-class Start:
-    """State at the first sample in contact.
+class Start(NamedTuple):
+    """Contact, and the state at the first sample after it, each [impact].
 
     Attributes:
-        since_contact, since_contact_sd: s, as the samples have it, and its standard deviation.
-        bracket, bracket_sd: s, mean and standard deviation before the samples were asked.
+        since_s, sd: from contact to that sample, s, as the samples have it, and its standard deviation; 0
+            where contact was given.
+        bracket_s, bracket_sd: the same before the samples were asked: what a model of those samples
+            themselves may start from.
         bracket_uniform: whether it then lay anywhere between two moments, no one of them likelier.
+        interval_s: the sampling interval that contact falls in; 0 where that is not known.
         free, free_sd: s by least squares alone, whatever the bracket, and its standard error.
         by_velocity: by how much ``free`` grows with the velocity at contact, s per fraction of it.
         x: m.
         v: m/s.
     """
 
-    since_contact: Column
-    since_contact_sd: Column
-    bracket: Column
+    since_s: Column
+    sd: Column
+    bracket_s: Column
     bracket_sd: Column
     bracket_uniform: Mask
+    interval_s: Column
     free: Column
     free_sd: Column
     by_velocity: Column
@@ -57,7 +61,11 @@ class Start:
 
 
 def find_start(
-    decelerations: ImpactTraces, lost: tuple[Rows, Rows], bracket: tuple[Column, Column], known: Column
+    decelerations: ImpactTraces,
+    lost: tuple[Rows, Rows],
+    bracket: tuple[Column, Column],
+    interval_s: Column,
+    place: float,
 ) -> Start:
     """The state at the first sample, contact lying between two moments before it.
 
@@ -70,7 +78,8 @@ def find_start(
         decelerations: m/s², from the first sample in contact on, offset removed.
         lost: [impact, sample], the integral of d − g from that sample, m/s, and the integral of that, m.
         bracket: [impact], from contact to that sample, s, at the least and at the most; equal where known.
-        known: [impact], from contact to that sample, s, where it is known; else nan.
+        interval_s: as `Start` has it.
+        place: the part of that interval from contact to that sample, where it is known; else nan.
     """
     d, inside, dt, (least, most) = decelerations.value, decelerations.inside, decelerations.dt, bracket
     velocity, gravity = decelerations.velocity, decelerations.gravity
@@ -78,9 +87,10 @@ def find_start(
     fall = np.maximum(d[:, 0] - d[:, min(1, d.shape[1] - 1)], 0)
     slowed = velocity - (d[:, 0] - gravity + fall * most / (2 * dt)) * most
     slowed = np.clip(slowed - 0.03 * velocity, 0.5 * velocity, velocity)
-    stopped = first_where((lost[0] >= slowed[:, None]) & inside, decelerations.n - 1)
+    stopped = first_where((lost[0] >= slowed[:, None]) & inside, decelerations.n_samples - 1)
     problem = LeastSquares.until(stopped, decelerations, lost)
     duration = problem.duration
+    known = np.where(interval_s > 0, place * dt, np.nan)
     low, high, given = least / duration, most / duration, np.isfinite(known)
     with np.errstate(all="ignore"):
         ab, free, free_sd, by_velocity = problem.fit(low, high)
@@ -103,6 +113,7 @@ def find_start(
         np.where(given, known, (least + most) / 2),
         np.sqrt(width**2 * (1 / 12)),
         width > 0,
+        interval_s,
         free * duration,
         free_sd * duration,
         by_velocity * duration,
@@ -321,7 +332,7 @@ def beyond_limit(decelerations: ImpactTraces, bracket: tuple[Column, Column]) ->
     """
     whole, clipped = decelerations.value.copy(), decelerations.clipped
     for row in np.flatnonzero(clipped.any(axis=1)):
-        here = slice(0, decelerations.n[row])
+        here = slice(0, decelerations.n_samples[row])
         d, sign = whole[row, here], clipped[row, here]
         fitted = _fitted(decelerations, int(row), (float(bracket[0][row]), float(bracket[1][row])))
         if fitted is not None:
@@ -335,7 +346,7 @@ def _fitted(
     # A third of a second to import, which other recordings need not wait for.
     from scipy.optimize import least_squares
 
-    here = row, slice(0, decelerations.n[row])
+    here = row, slice(0, decelerations.n_samples[row])
     d, sign, time = decelerations.value[here], decelerations.clipped[here], decelerations.time_s[here]
     velocity, gravity = decelerations.velocity[row], decelerations.gravity[row]
     limit, last = float(np.abs(d[sign != 0]).max()), int(np.flatnonzero(sign)[-1])

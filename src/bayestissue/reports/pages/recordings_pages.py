@@ -98,7 +98,7 @@ def quality_table(
         warnings: what looks odd.
         force: beside it, if there is one.
     """
-    highest = [_upwards(dataset, row, offset) for row, offset in enumerate(signal.offset)]
+    highest = [_upwards(dataset, row, offset) for row, offset in enumerate(signal.quiet.offset)]
     peak = np.array([values.max() for values in highest])
     unit = _UNITS[dataset.quantity]
     impacts, said = dataset.impacts, Counter(problem.impact for problem in warnings)
@@ -107,18 +107,18 @@ def quality_table(
             **{name: impacts[name] for name in ("impact", "subject", "trial")},
             "n_samples": [values.size for values in highest],
             "sampling_rate_hz": 1 / dataset.traces.interval,
-            f"offset_{unit}": signal.offset,
-            f"noise_sd_{unit}": signal.noise_sd,
+            f"offset_{unit}": signal.quiet.offset,
+            f"noise_sd_{unit}": signal.quiet.noise_sd,
             f"peak_{unit}": peak,
-            "noise_to_peak": signal.noise_sd / peak,
+            "noise_to_peak": signal.quiet.noise_sd / peak,
             "samples_at_peak": [int(np.count_nonzero(values == values.max())) for values in highest],
             "contact_time_s": signal.contact_time_s,
-            "contact_time_sd_s": signal.contact_time_sd,
+            "contact_time_sd_s": signal.contact.sd,
             "time_to_peak_s": signal.time_to_peak,
-            "peak_displacement_m": signal.peak_displacement,
+            "peak_displacement_m": signal.stop.x,
             "samples_in_window": signal.n_samples,
             **_force_columns(force),
-            "warnings": [said[name] for name in impacts["impact"]],
+            "warnings": impacts["impact"].map(said),
         }
     )
 
@@ -194,13 +194,13 @@ def check_page(
 
 def _check_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:
     trace, n = dataset.traces[index], int(signal.n_samples[index])
-    raw = _upwards(dataset, index, signal.offset[index])
+    raw = _upwards(dataset, index, signal.quiet.offset[index])
     time = 1e3 * (trace.time_s - signal.contact_time_s[index])
     inside = 1e3 * signal.since_contact_s[index, :n]
     to_peak = 1e3 * signal.time_to_peak[index]
     last = 3 * to_peak
     near = (time > -to_peak) & (time < last)
-    near = near if near.any() else np.ones_like(near)
+    near |= ~near.any()
     curves = {
         f"recorded {dataset.quantity}": (time[near], raw[near]),
         "velocity": (inside, signal.v[index, :n]),
@@ -332,7 +332,7 @@ def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel
     time, value = 1e3 * trace.time_s, unit * _upwards(dataset, index)
     contact, to_peak = 1e3 * signal.contact_time_s[index], 1e3 * signal.time_to_peak[index]
     near = (time > contact - 2 * to_peak) & (time < contact + 4 * to_peak)
-    near = near if near.any() else np.ones_like(near)
+    near |= ~near.any()
     peak = int(np.argmax(value))
     shown: Panel = {"recorded": (time[near], value[near])}
     channels = zip(dataset.channels, dataset.further, strict=True)

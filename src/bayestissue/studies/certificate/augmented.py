@@ -116,7 +116,6 @@ def _with_motion(
     recorded: Displacements, twice: Displacements, drawn: dict[str, Float[np.ndarray, "impact sample"]]
 ) -> Displacements:
     """The signal of both, from which first guesses start: that of the drawn impacts by their motion."""
-    inside = np.arange(recorded.x.shape[1]) < recorded.n_samples[:, None]
     dt = recorded.dt[:, None]
     deceleration = drawn["deceleration"]
     if "displacement" in drawn:
@@ -125,9 +124,9 @@ def _with_motion(
     else:
         v = recorded.velocity[:, None] - _integral(deceleration - recorded.gravity[:, None], dt)
         x = _integral(v, dt)
-    motion: dict[str, Any] = {"x": x, "v": v, "deceleration": deceleration}
+    motion: dict[str, Any] = {"x": x, "v": v, "value": deceleration}
     both: dict[str, Any] = {
-        name: np.concatenate([getattr(recorded, name), np.where(inside, values, 0.0)])
+        name: np.concatenate([getattr(recorded, name), np.where(recorded.inside, values, 0.0)])
         for name, values in motion.items()
     }
     return replace(twice, **both)

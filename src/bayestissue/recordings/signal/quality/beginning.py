@@ -127,7 +127,7 @@ def _blocks(recorded: PulseAndRests, signal: Displacements, rows: Index, uncerta
     d, dt, to_peak = signal.deceleration[rows], signal.dt[rows, None], signal.time_to_peak[rows, None]
     velocity, peak = signal.velocity[rows, None], recorded.peak[rows, None]
     sample = np.arange(d.shape[1])
-    sample_number = signal.sample_number[rows]
+    sample_number = signal.sample_numbers[rows]
     time, unit = sample_number * dt, velocity / to_peak
     over = np.cumsum((time > to_peak) & (d < BEGINNING.ends * peak), axis=1) > 0
     count = ((sample < signal.n_samples[rows, None]) & ~over).sum(axis=1)

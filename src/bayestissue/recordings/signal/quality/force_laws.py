@@ -51,7 +51,7 @@ class Suspected:
 
 def motion(signal: Displacements) -> tuple[Rows, Rows]:
     """Displacement and velocity from the state at the first sample and force over mass, by trapezoids."""
-    number, dt = signal.sample_number, signal.dt[:, None]
+    number, dt = signal.sample_numbers, signal.dt[:, None]
     step = np.diff(number, axis=1) * dt
     lost = trapezoids(signal.deceleration - signal.gravity[:, None], step)
     x, v = signal.x[:, :1], signal.v[:, :1]
@@ -159,13 +159,13 @@ def suspected(signal: Displacements) -> Suspected:
         every = laws(*motion(signal), used)
         left = (_fitted(law, signal.deceleration, used, ridge=1e-10)[1] for law in every)
         plain = np.min([(residual**2).sum(axis=1) for residual in left], axis=0)
-    variance = signal.noise_sd**2 + (LAW.misfit * peak) ** 2
+    variance = signal.quiet.noise_sd**2 + (LAW.misfit * peak) ** 2
     freedom = np.maximum(PULSE.worth * signal.n_samples, 1)
     count = np.maximum(signal.n_samples - 4, 1)
     odd = chance(plain / variance, count, freedom) < SAMPLES.alarms
     columns = np.full((len(peak), 3), np.nan)
     # A filter is tried on even times.
-    tried = odd & (signal.n_samples >= 12) & (signal.n_before >= 4) & ~signal.uneven
+    tried = odd & (signal.n_samples >= 12) & (signal.before.n_samples >= 4) & ~signal.uneven
     tried &= ~signal.clipped.any(axis=1)
     for row in np.flatnonzero(tried):
         columns[row] = _explanation(signal, int(row), plain[row], variance[row], freedom[row])
@@ -178,8 +178,8 @@ def _explanation(
     """Corner and changes of K and C of one impact; NaN where no filter explains it better than a law."""
     dt, velocity, n = signal.dt[row], signal.velocity[row], signal.n_samples[row]
     gravity = signal.gravity[row]
-    early = min(int(signal.n_before[row]), BEFORE)
-    y = np.concatenate([signal.before[row, BEFORE - early :], signal.deceleration[row, :n]])
+    early = min(int(signal.before.n_samples[row]), BEFORE)
+    y = np.concatenate([signal.before.value[row, BEFORE - early :], signal.deceleration[row, :n]])
     time = (np.arange(len(y)) - early) * dt
     lost = trapezoids(y, dt)
     twice = trapezoids(lost, dt)
@@ -214,12 +214,12 @@ def _without_filter(signal: Displacements, row: int, a: float, b: float) -> tupl
 
     n, velocity, gravity = signal.n_samples[row], signal.velocity[row], signal.gravity[row]
     time, y = np.arange(n) * signal.dt[row], signal.deceleration[row, :n]
-    reach = np.sqrt(3) * signal.bracket_sd[row] + 1e-12
+    reach = np.sqrt(3) * signal.contact.bracket_sd[row] + 1e-12
 
     def residuals(logs: np.ndarray) -> np.ndarray:
         return deceleration(logs, time, velocity, gravity) - y
 
-    start, reaches = np.array([np.log(a), np.log(b), signal.bracket_s[row]]), [np.inf, np.inf, reach]
+    start, reaches = np.array([np.log(a), np.log(b), signal.contact.bracket_s[row]]), [np.inf, np.inf, reach]
     bounds = start - reaches, start + reaches
     solution = least_squares(residuals, start, bounds=bounds, x_scale=[1, 1, reach])
     return float(np.exp(solution.x[0])), float(np.exp(solution.x[1]))

@@ -53,14 +53,14 @@ class PulseAndRests(PaddedTraces):
     def from_recordings(cls, recordings: PaddedTraces) -> PulseAndRests:
         """Find pulse and rests by a running median, whatever the noise and whatever stands beside it."""
         value, inside = recordings.value, recordings.inside
-        smooth = np.where(inside, _running_median(value, recordings.n), -np.inf)
+        smooth = np.where(inside, _running_median(value, recordings.n_samples), -np.inf)
         top = np.argmax(smooth, axis=1)
         index = np.arange(value.shape[1])
         level = _quiet_level(value, smooth, top)
         peak = at(smooth, top) - level
         low = smooth <= (level + PULSE.low * peak)[:, None]
         rises = last_where(low & (index < top[:, None]))
-        falls = first_where(low & (index > top[:, None]), recordings.n)
+        falls = first_where(low & (index > top[:, None]), recordings.n_samples)
         foot = rises - np.ceil(PULSE.foot * (top - rises)).astype(int) - 2
         tail = falls + np.ceil(PULSE.tail * (falls - top)).astype(int) + 2
         step = _step(value, inside)

@@ -96,16 +96,18 @@ def implied(signal: Displacements, recorded: PulseAndRests, uncertainty: Uncerta
     """
     d, n, dt, noise_sd = signal.deceleration, signal.n_samples, signal.dt, recorded.sd
     velocity_sd = uncertainty.of_velocity(signal.velocity)
-    steps = np.diff(signal.sample_number, axis=1) * dt[:, None]
+    steps = np.diff(signal.sample_numbers, axis=1) * dt[:, None]
     first = trapezoids(d - signal.gravity[:, None], steps)
-    part = signal.traces
-    problem = LeastSquares.until(np.maximum(n - 1, 0), part, (first, trapezoids(first, steps)))
+    problem = LeastSquares.until(np.maximum(n - 1, 0), signal, (first, trapezoids(first, steps)))
     duration = problem.duration
-    half = np.sqrt(3) * signal.bracket_sd
-    bracket = np.maximum(signal.bracket_s - half, 0) / duration, (signal.bracket_s + half) / duration
-    zero = signal.zero_sd(uncertainty.offset_sd)
+    half = np.sqrt(3) * signal.contact.bracket_sd
+    bracket = (
+        np.maximum(signal.contact.bracket_s - half, 0) / duration,
+        (signal.contact.bracket_s + half) / duration,
+    )
+    zero = signal.quiet.zero_sd(uncertainty.offset_sd)
     taken = 1 - 1 / np.sqrt(1 + n * np.square(zero / np.maximum(noise_sd, 1e-12)))
-    squares = _least(problem, part, bracket, taken) * np.square(signal.velocity / duration)[:, None]
+    squares = _least(problem, signal, bracket, taken) * np.square(signal.velocity / duration)[:, None]
     freedom = np.maximum(n - VELOCITY.parameters, 1)
     least = np.maximum([-_peak(-row)[1] for row in squares], 0)
     floor = noise_sd**2 + (LAW.misfit * recorded.peak) ** 2
