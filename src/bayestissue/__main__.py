@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 from bayestissue.base import stopping
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
 def main() -> None:
     """Run the command line; where it was asked to stop, say what was kept, and end without further ado."""
     stopping.on_request()
+    # Of what is imported and traced most stays. Looked through after each 700 new objects, as Python does
+    # unless told, and once more at the end, it takes a fit 2.5 s.
+    gc.set_threshold(100_000)
     try:
         from bayestissue.cli import main as command_line
 
@@ -28,6 +32,7 @@ def main() -> None:
         os._exit(stopping.INTERRUPTED)
     finally:
         stopping.done()
+        gc.freeze()
 
 
 def _notes(error: BaseException | None) -> Iterator[str]:
