@@ -15,6 +15,8 @@ from typing import Any
 
 # Of what HDF5 adds to the numbers themselves.
 _MARGIN, _OVERHEAD = 1.05, 500_000
+# Of single precision alone: double precision is little smaller when packed, and takes twice as long.
+_PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def write_json(content: dict[str, Any], path: Path) -> None:
@@ -25,25 +27,45 @@ def write_json(content: dict[str, Any], path: Path) -> None:
 def write_tree(tree: Any, path: Path) -> None:
     """Write an xarray DataTree as netCDF; what has less than double precision, predictions say, is packed.
 
+    netCDF-4 is HDF5 with scales for dimensions. h5py writes the 266 variables of a fit in a fifth of the time
+    that xarray takes, which looks each of them up fifty times and imports what Dask computes with.
+
     Raises:
         OSError: it can't be written, the disk being full, say.
     """
-    # Single precision alone: double precision is little smaller when packed, and takes twice as long.
-    packing = {
-        group.path: {
-            name: {"compression": "gzip", "compression_opts": 1, "shuffle": True}
-            for name, variable in group.data_vars.items()
-            if variable.dtype == "float32"
-        }
-        for group in tree.subtree
-    }
+    import h5py
+
     # HDF5 has been seen to end the process by a segmentation fault where the disk is full.
     require_room(path, int(_MARGIN * tree.nbytes) + _OVERHEAD)
     try:
-        tree.to_netcdf(path, engine="h5netcdf", encoding=packing)
+        with h5py.File(path, "w", track_order=True) as file:
+            for part in tree.subtree:
+                group = file if part.path == "/" else file.create_group(part.path, track_order=True)
+                _write_group(part.to_dataset(), group)
     except RuntimeError as error:
         # What HDF5 raises where it notices on closing.
         raise OSError(errno.EIO, f"can't be written: {error}", str(path)) from error
+
+
+def _write_group(dataset: Any, group: Any) -> None:
+    group.attrs.update(dataset.attrs)
+    for name, size in dataset.sizes.items():
+        if name not in dataset.variables:
+            words = f"This is a netCDF dimension but not a netCDF variable.{size:10d}"
+            group.create_dataset(name, (size,), ">f4").make_scale(words)
+    # Coordinates first: they are the scales of what follows.
+    for name, variable in {**dataset.coords, **dataset.data_vars}.items():
+        values = variable.to_numpy()
+        text, packing = values.dtype.kind == "U", _PACKED if values.dtype == "float32" else {}
+        stored = group.create_dataset(name, data=values.astype("O") if text else values, **packing)
+        stored.attrs.update(variable.attrs)
+        if values.dtype.kind == "f":
+            stored.attrs.create("_FillValue", float("nan"), (1,), values.dtype)
+        if name in dataset.dims:
+            stored.make_scale(name)
+            continue
+        for axis, dimension in enumerate(variable.dims):
+            stored.dims[axis].attach_scale(group[dimension])
 
 
 def require_room(path: Path, size: int) -> None:
