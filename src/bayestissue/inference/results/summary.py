@@ -40,8 +40,7 @@ def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
     levels = array if len(array.dims) > 2 else array.expand_dims({"": [""]}, axis=2)
     labels = levels.dims[2]
     draws = levels.transpose("chain", "kept_draw", labels).to_numpy()
-    draws = draws.reshape(-1, draws.shape[2])
-    flat = draws.T.astype(float)
+    flat = draws.reshape(-1, draws.shape[2]).T.astype(float)
     mean, sd = _moments(flat)
     # By the usual rule 90 % intervals of a hundred draws would hold 88 %.
     ends = quantiles(flat, list(QUANTILES.values()), "weibull")
@@ -51,7 +50,7 @@ def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
         "unit": array.attrs.get("unit", ""),
         "mean": mean,
         "sd": sd,
-        "mcse_mean": sd / np.sqrt(len(draws)),
+        "mcse_mean": sd / np.sqrt(flat.shape[1]),
         "never": np.isinf(flat).mean(axis=1),
         **dict(zip(QUANTILES, ends, strict=True)),
     }
@@ -64,6 +63,9 @@ def _of_chains(name: str, array: xr.DataArray) -> pd.DataFrame:
     sampled = convergence(draws)
     mean, sd = _moments(flat)
     columns = {
+        "variable": name,
+        "label": _labels(array),
+        "unit": array.attrs.get("unit", ""),
         "mean": mean,
         "sd": sd,
         "ess_bulk": sampled.ess_bulk,
@@ -73,7 +75,7 @@ def _of_chains(name: str, array: xr.DataArray) -> pd.DataFrame:
         "never": np.isinf(flat).mean(axis=1),
         **dict(zip(QUANTILES, quantiles(flat, list(QUANTILES.values())), strict=True)),
     }
-    return _named(name, array).assign(**columns)[COLUMNS]
+    return pd.DataFrame(columns, columns=COLUMNS)
 
 
 def _moments(
@@ -84,12 +86,10 @@ def _moments(
     return known.mean(axis=1), known.std(axis=1, ddof=1)
 
 
-def _named(name: str, array: xr.DataArray) -> pd.DataFrame:
-    """A row for each element of a variable, in the order of `elements_of`."""
-    dimensions = [dimension for dimension in array.dims if dimension not in ("chain", "draw")]
-    coordinates = itertools.product(*(array[dimension].to_numpy() for dimension in dimensions))
-    labels = [", ".join(map(str, key)) for key in coordinates]
-    return pd.DataFrame({"variable": name, "label": labels, "unit": array.attrs.get("unit", "")})
+def _labels(array: xr.DataArray) -> list[str]:
+    """Of each element of a variable, in the order of `elements_of`."""
+    coordinates = (array[name].to_numpy() for name in array.dims if name not in ("chain", "draw"))
+    return [", ".join(map(str, key)) for key in itertools.product(*coordinates)]
 
 
 _BINS = 20
