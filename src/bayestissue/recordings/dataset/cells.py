@@ -37,6 +37,11 @@ _SUBJECTS = (
 )
 
 
+def is_height(name: str) -> bool:
+    """Whether a column or a fact is a height of fall."""
+    return name.startswith("drop_height")
+
+
 def number_in(text: str) -> float:
     """The number that a cell holds, with a decimal point; not a number (nan) where it holds none."""
     return float(text) if _NUMBER.fullmatch(text) else math.nan

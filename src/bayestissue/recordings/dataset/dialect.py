@@ -13,12 +13,12 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import dropwhile, islice, zip_longest
+from itertools import islice, zip_longest
 from typing import Annotated, Literal
 
 from pydantic import Field
 
-from bayestissue.base.errors import InputError
+from bayestissue.base.errors import InputError, Problem
 from bayestissue.base.settings import TomlTable
 from bayestissue.recordings.dataset.source_files import (
     FILES,
@@ -49,7 +49,7 @@ _ANY_NUMBER = re.compile(
     rf"[+-]?(\d+[.,]?\d*|[.,]\d+|\d{{1,3}}([.,'\u2019 \u00a0\u202f]\d{{3}})+([.,]\d*)?){_EXPONENT}", re.ASCII
 )
 # Its mark may stand before decimals or between thousands, before which stands no 0.
-_OPEN = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}", re.ASCII)
+OPEN = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}", re.ASCII)
 _OTHER = {".": ",", ",": "."}
 # Columns of names, where "1,5" is no number.
 NAMES = ("impact", "subject", "trial", "trace", "file")
@@ -170,9 +170,29 @@ class _Record:
 
     @cached_property
     def bare(self) -> list[str]:
-        """The cells without the spaces around them, and without empty ones at the end."""
-        cells = [cell.strip() for cell in self.cells]
-        return cells[: max((at for at, cell in enumerate(cells, 1) if cell), default=0)]
+        """The cells without the spaces around them."""
+        return [cell.strip() for cell in self.cells]
+
+    @property
+    def has_number(self) -> bool:
+        """Whether a cell holds a number."""
+        return any(map(_is_number, self.cells))
+
+    @property
+    def is_setting(self) -> bool:
+        """Whether it is a setting of each channel, such as ``Range=`` before ``10.000 V`` and ``5.000 V``."""
+        first, *others = self.bare
+        return first.endswith(("=", ":")) and all(_VALUE.match(cell) for cell in others if cell)
+
+    @cached_property
+    def has_units(self) -> bool:
+        """Whether each cell is a unit or says that there is none, and one of them is a unit of a recording.
+
+        The first cell may say that these are units; a first time and a step may stand among them.
+        """
+        called = _CALLED_UNITS.fullmatch(self.bare[0])
+        known = {_is_unit(cell) for cell in self.bare[1 if called else 0 :]}
+        return True in known and False not in known
 
 
 @dataclass(frozen=True)
@@ -206,15 +226,13 @@ class _Lines:
     @cached_property
     def number_columns(self) -> list[int]:
         """The columns that hold numbers in most cells of the lower half that are filled."""
-        cells = [record.cells for record in self.lower if len(record.cells) == self.width]
-        filled = [[line[at] for line in cells if line[at].strip()] for at in range(self.width)]
+        lines = [record.bare for record in self.lower if len(record.cells) == self.width]
+        filled = [[cells[at] for cells in lines if cells[at]] for at in range(self.width)]
         return [at for at, column in enumerate(filled) if 2 * sum(map(_is_number, column)) > len(column)]
 
     def is_data(self, record: _Record) -> bool:
         """Whether most of the columns of numbers hold one in a record."""
-        columns = self.number_columns
-        numeric = [len(record.cells) > at and _is_number(record.cells[at]) for at in columns]
-        return 2 * sum(numeric) > len(numeric)
+        return 2 * sum(map(_is_number, self._in_number_columns(record))) > len(self.number_columns)
 
     @cached_property
     def begin(self) -> int:
@@ -223,28 +241,29 @@ class _Lines:
         Lines above it may hold numbers too, such as the sensitivity of each channel.
         """
         data = [at for at, record in enumerate(self.records) if self.is_data(record)]
-        plain = [at for at in data if self._is_plain(self.records[at])]
-        return next(iter([*plain, *data]), 0)
+        for at in data:
+            first, *others = self._in_number_columns(self.records[at])
+            if _is_number(first) and all(_is_number(cell) for cell in others if cell):
+                return at
+        return data[0] if data else 0
 
-    def _is_plain(self, record: _Record) -> bool:
-        cells = [record.cells[at].strip() for at in self.number_columns if at < len(record.cells)]
-        return bool(cells[0]) and all(_is_number(cell) for cell in cells if cell)
+    def _in_number_columns(self, record: _Record) -> list[str]:
+        return [record.bare[at] for at in self.number_columns if at < len(record.cells)]
 
     def names(self, wanted: Sequence[str], *, named: bool) -> _Record | None:
         """The record with the names of the columns; None where there is none."""
-        usual = self._names_above_numbers(named=named)
-        hits = [
-            len(set(wanted) & {*self.titles(record), *_by_place(self.titles(record))})
-            for record in self.records
-        ]
-        best = [record for record, hit in zip(self.records, hits, strict=True) if hit == max(hits) > 0]
-        return usual if not best or usual in best else best[0]
+
+        def hits(record: _Record | None) -> int:
+            titles = self.titles(record) if record else []
+            return len({*wanted} & {*titles, *_by_place(titles)})
+
+        return max([self._names_above_numbers(named=named), *self.records], key=hits)
 
     def titles(self, record: _Record) -> list[str]:
         """The names in a record; of the coordinates of markers, whose names stand above, ``marker.X1``."""
         number = self.records.index(record)
         names, above = record.bare, self.records[number - 1].bare if number else []
-        if not names or names[0] or not above or not above[0]:
+        if names[0] or not above or not above[0]:
             return names
         titles, marker = [], ""
         for name, title in zip_longest(names, above, fillvalue=""):
@@ -262,9 +281,9 @@ class _Lines:
             for record in self.records[: self.begin]
             if not self._is_remark(record) or (self.delimiter == "," and len(record.cells) == 1)
         ]
-        above = [record for record in above if not any(map(_is_number, record.cells))] or above
-        above = [record for record in above if not _is_setting(record.bare)] or above
-        while len(above) > 1 and _are_units(above[-1].cells):
+        above = [record for record in above if not record.has_number] or above
+        above = [record for record in above if not record.is_setting] or above
+        while len(above) > 1 and above[-1].has_units:
             above.pop()
         if above:
             return above[-1]
@@ -282,11 +301,11 @@ class _Lines:
         if names is None:
             return None
         below = next((record for record in self.records if record.row >= names.below), None)
-        if below and not self.is_data(below) and _are_units(below.cells):
+        if below and not self.is_data(below) and below.has_units:
             return below
-        above = [record for record in self.records if record.row < names.row]
-        called = [record for record in above if _CALLED_UNITS.fullmatch(record.bare[0])]
-        return next((record for record in called if _are_units(record.cells)), None)
+        above = (record for record in self.records if record.row < names.row)
+        called = (record for record in above if _CALLED_UNITS.fullmatch(record.bare[0]))
+        return next((record for record in called if record.has_units), None)
 
     def stated(self, key: str, stated: Stated, label: str, otherwise: _Record | None) -> _Record | None:
         """The record that somebody named by its row, None for the row 0; ``otherwise`` where nobody did."""
@@ -305,15 +324,12 @@ class _Lines:
         # An empty line of a single column is an empty cell, and in a table with names one may be a row.
         if self.width == 1 or named:
             return above.below
-        below = (record for record in self.records if record.row >= above.below)
         data = self.records[self.begin].row
-        behind = dropwhile(lambda record: record.row < data and self._is_said(record), below)
-        return next((record.row for record in behind), above.below)
-
-    def _is_said(self, record: _Record) -> bool:
-        """Whether a line below the names is a remark or a setting, or has further units."""
-        remark = self._is_remark(record) and not any(map(_is_number, record.bare))
-        return remark or _are_units(record.cells) or _is_setting(record.bare)
+        for record in (record for record in self.records if record.row >= above.below):
+            remark = self._is_remark(record) and not record.has_number
+            if record.row >= data or not (remark or record.has_units or record.is_setting):
+                return record.row
+        return above.below
 
     def clock(self, names: _Record | None) -> tuple[float, float] | None:
         """The first time and the step, of a table with columns for them, as oscilloscopes write."""
@@ -370,14 +386,12 @@ def text_table(data: bytes, source: Source, *, wanted: Sequence[str] = (), named
     body = memoryview(data)[sum(map(len, head.splitlines(keepends=True)[: first_row - 1])) :]
     cells = [record.cells for record in lines.records if record.row >= first_row]
     columns = [f"column {number}" for number in range(1, lines.width + 1)]
-    titles = lines.titles(header) if header else columns
-    names = _fitted(titles + [""] * (len(header.cells) - len(titles) if header else 0), cells)
+    names = _fitted(lines.titles(header) if header else columns, cells)
     names = names if named else _by_place(_without_run(names, wanted))
     decimal, unsure = _decimal(lines, body, first_row, [named and name in NAMES for name in names])
     if unsure and not (marks.decimal or marks.thousands):
         row, column, cell = unsure
-        words = {"whole": re.sub("[.,]", "", cell), "decimals": cell.replace(",", ".")}
-        raise InputError.stated("open-mark", label, row, names[column], cell, **words)
+        raise InputError(open_mark(label, row, names[column], cell))
     mark = "" if unsure is None else re.sub(r"[^.,]", "", unsure[2])
     decimal, thousands = _settled(decimal, mark, marks, named=named)
     dialect = Dialect(
@@ -390,14 +404,19 @@ def text_table(data: bytes, source: Source, *, wanted: Sequence[str] = (), named
         first_row,
         sheet,
     )
-    units = [_bare(cell) for cell in below.cells] if below else []
-    units = ["" if _CALLED_UNITS.fullmatch(unit) else unit for unit in units[:1]] + units[1:]
-    units = (units + [""] * len(names))[: len(names)]
+    first, *others = map(_bare, below.cells) if below else [""]
+    units = ["" if _CALLED_UNITS.fullmatch(first) else first, *others, *[""] * len(names)][: len(names)]
     clock = None if named else lines.clock(header)
     if lines.delimiter != " ":
         return TextTable(dialect, names, units, body, lines.delimiter, clock)
     tabbed = b"".join(b"\t".join(line.split()) + b"\n" for line in body.tobytes().splitlines())
     return TextTable(dialect, names, units, memoryview(tabbed), "\t", clock)
+
+
+def open_mark(file: str, row: int | None, column: str, cell: str) -> Problem:
+    """That the mark of a number, as `OPEN` has them, may stand before decimals or between thousands."""
+    words = {"whole": re.sub("[.,]", "", cell), "decimals": cell.replace(",", ".")}
+    return Problem.stated("open-mark", file, row, column, cell, **words)
 
 
 def _without_run(names: list[str], wanted: Sequence[str]) -> list[str]:
@@ -439,46 +458,28 @@ def _records(text: str, delimiter: str) -> Iterator[_Record]:
 
 def _cut(text: str) -> _Lines:
     """The lines cut by the mark that makes most of them equally long; by a comma where none does."""
-    cut = [_Lines.cut(text, mark) for mark in DELIMITERS.values() if mark != " "]
-    best = max(cut, key=lambda lines: lines.share)
-    if best.share and best.delimiter != ",":
+    *marked, by_comma, spaced = (_Lines.cut(text, mark) for mark in DELIMITERS.values())
+    best = max(*marked, by_comma, key=lambda lines: lines.share)
+    if best.share and best is not by_comma:
         return best
     # Between words stand spaces too: they separate cells where nothing but numbers stands between them.
-    spaced = _Lines.cut(text, " ")
     cells = [cell for record in spaced.lower for cell in record.cells]
-    if cells and spaced.share > 0.5 and all(_is_number(cell) and cell[-1] != "," for cell in cells):
-        return spaced
-    return next(lines for lines in cut if lines.delimiter == ",")
-
-
-def _is_setting(cells: Sequence[str]) -> bool:
-    """Whether a line is a setting of each channel, such as ``Range=`` before ``10.000 V`` and ``5.000 V``."""
-    return cells[0].endswith(("=", ":")) and all(_VALUE.match(cell) for cell in cells[1:] if cell)
+    numbers = all(_is_number(cell) and cell[-1] != "," for cell in cells)
+    return spaced if cells and numbers and spaced.share > 0.5 else by_comma
 
 
 def _is_number(cell: str) -> bool:
     return _ANY_NUMBER.fullmatch(cell.strip()) is not None
 
 
-def _are_units(cells: Sequence[str]) -> bool:
-    """Whether each cell is a unit or says that there is none, and one of them is a unit of a recording.
-
-    The first cell may say that these are units; a first time and a step may stand among them.
-    """
-    texts = [cell.strip() for cell in cells]
-    texts = texts[1:] if texts and _CALLED_UNITS.fullmatch(texts[0]) else texts
-    bare = [_bare(text) for text in texts]
-    known = [text in _FURTHER_UNITS or _is_unit(text) for text in bare]
-    none = (
-        not text or text == "-" or text != whole or _is_number(text)
-        for text, whole in zip(bare, texts, strict=True)
-    )
-    return any(known) and all(is_unit or is_none for is_unit, is_none in zip(known, none, strict=True))
-
-
-def _is_unit(text: str) -> bool:
+def _is_unit(cell: str) -> bool | None:
+    """Whether a cell is a unit; None of one that says that there is none."""
+    unit = _bare(cell)
     # Names and numbers are no units, and looking them up would take long.
-    return text[:1].isalpha() and len(text) <= 10 and dimension_of(text) is not None
+    may_be = unit[:1].isalpha() and len(unit) <= 10
+    if unit in _FURTHER_UNITS or (may_be and dimension_of(unit) is not None):
+        return True
+    return None if unit in ("", "-") or unit != cell or _is_number(unit) else False
 
 
 def _bare(unit: str) -> str:
@@ -503,28 +504,24 @@ def _decimal(
     told: Counter[str] = Counter()
     unsure = None
     separated = lines.delimiter == ","
-    first = [record for record in lines.records if record.row >= first_row]
+    first = sum(record.row >= first_row for record in lines.records)
     tells = re.search(rb'"' if separated else rb"\d[.,]\d", body)
-    whole = body.tobytes().decode("utf-8", "ignore") if tells else ""
-    for records, above in ((first, 0), (_records(whole, lines.delimiter), first_row - 1)):
-        for record in records:
-            for column, text in enumerate(record.cells):
-                cell = text.strip()
-                marks = re.findall("[.,]", cell) if _is_number(cell) else []
-                if not marks or any(of_names[column : column + 1]):
-                    continue
-                if _OPEN.fullmatch(cell) and not (separated and marks == ["."]):
-                    unsure = unsure or (record.row + above, column, cell)
-                else:
-                    # Of two marks the last one stands before decimals; one that repeats stands between
-                    # thousands.
-                    repeats = len(marks) > 1 and marks[-1] == marks[0]
-                    told[_OTHER[marks[0]] if repeats else marks[-1]] += 1
-            if told and above:
-                break
-        if told:
-            return ("," if told[","] > told["."] else "."), None
-    return ".", unsure
+    records = _records(body.tobytes().decode("utf-8", "ignore"), lines.delimiter)
+    for number, record in enumerate(records):
+        if number >= first and (told or not tells):
+            break
+        for column, text in enumerate(record.cells):
+            cell = text.strip()
+            marks = re.findall("[.,]", cell) if _is_number(cell) else []
+            if not marks or any(of_names[column : column + 1]):
+                continue
+            if OPEN.fullmatch(cell) and not (separated and marks == ["."]):
+                unsure = unsure or (record.row + first_row - 1, column, cell)
+            else:
+                # Of two marks the last one stands before decimals; one that repeats stands between thousands.
+                repeats = len(marks) > 1 and marks[-1] == marks[0]
+                told[_OTHER[marks[0]] if repeats else marks[-1]] += 1
+    return ("," if told[","] > told["."] else "."), None if told else unsure
 
 
 def _settled(decimal: str, mark: str, stated: Stated, *, named: bool) -> tuple[str, str | None]:
@@ -566,9 +563,6 @@ def _thousands(body: memoryview, delimiter: str, decimal: str) -> str:
 
 def _fitted(names: list[str], records: Sequence[Sequence[str]]) -> list[str]:
     """The names without those of columns that a mark at the end of each line makes, or with such."""
-    width = max((len(cells) for cells in records), default=len(names))
-    if width < len(names) and not any(names[width:]) and records:
-        return names[:width]
-    if width > len(names) and not any(cell.strip() for cells in records for cell in cells[len(names) :]):
-        return names + [""] * (width - len(names))
-    return names
+    width = max(map(len, records), default=len(names))
+    unlike = any(names[width:]) or any(cell.strip() for cells in records for cell in cells[len(names) :])
+    return names if unlike else [*names, *[""] * width][:width]

@@ -16,7 +16,7 @@ from jaxtyping import Bool
 
 from bayestissue.base.declarations import declared
 from bayestissue.base.errors import Problem, has_control_characters
-from bayestissue.recordings.dataset.cells import FILE, REMEDY, number_in, read_cells
+from bayestissue.recordings.dataset.cells import FILE, REMEDY, is_height, number_in, read_cells
 from bayestissue.recordings.dataset.dialect import Stated
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
 from bayestissue.recordings.dataset.recordings import CROP
@@ -286,12 +286,11 @@ def _unlikely(table: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
     if "energy_J" in table:
         energy = 0.5 * mass * velocity**2
         odd["energy_J"] = np.abs(table["energy_J"].to_numpy() / energy - 1) > 0.05
-    heights = [name for name in map(str, table.select_dtypes("number")) if name.startswith("drop_height")]
-    apart = {name: _far_apart(table[name].to_numpy(float)) for name in ("mass_kg", "velocity_m_s", *heights)}
+    heights = filter(is_height, map(str, table.select_dtypes("number")))
     named = [(name, f"unusual-value.{name}", where) for name, where in odd.items()]
     named += [
-        (name, "unusual-value.apart", where)
-        for name, where in apart.items()
+        (name, "unusual-value.apart", _far_apart(table[name].to_numpy(float)))
+        for name in ("mass_kg", "velocity_m_s", *heights)
         if name not in odd or not odd[name].any()
     ]
     problems = []

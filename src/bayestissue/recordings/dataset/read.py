@@ -14,7 +14,7 @@ from jaxtyping import Float64
 
 from bayestissue.base.errors import InputError, Problem, along_with, collected
 from bayestissue.base.runtime import content_hash
-from bayestissue.recordings.dataset.cells import HEIGHTS
+from bayestissue.recordings.dataset.cells import HEIGHTS, is_height
 from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
 from bayestissue.recordings.dataset.dataset_file import (
     STANDARD_GRAVITY,
@@ -201,7 +201,7 @@ def _checked_channel(channel: ChannelSettings, reading: Reading, first: Recordin
 
 def _falls_unsaid(signal: SignalSettings, columns: Iterable[str]) -> Iterator[Problem]:
     """A height of fall where nothing says whether gravity acts along the motion."""
-    heights = [name for name in columns if name.startswith("drop_height")]
+    heights = list(filter(is_height, columns))
     if heights and "gravity" not in signal.model_fields_set:
         value = f"a column {heights[0]}, and no signal.gravity"
         yield Problem.stated("gravity", SETTINGS, column="signal.gravity", value=value)

@@ -299,16 +299,8 @@ def sheet_names(data: bytes, label: str) -> tuple[list[str], list[str]]:
     Raises:
         InputError: it is no whole workbook, too large once unpacked, or protected.
     """
-    with _opened(data, label) as book:
-        return _sheet_names(book)
-
-
-def _sheet_names(book: CalamineWorkbook) -> tuple[list[str], list[str]]:
-    from python_calamine import SheetTypeEnum, SheetVisibleEnum
-
-    of_cells = [sheet for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
-    shown = [sheet.name for sheet in of_cells if sheet.visible == SheetVisibleEnum.Visible]
-    return shown, [sheet.name for sheet in of_cells if sheet.name not in shown]
+    with _opened(data, label) as (_, shown, hidden):
+        return shown, hidden
 
 
 def sheet_text(data: bytes, label: str, sheet: str = "") -> tuple[str, bytes]:
@@ -320,8 +312,7 @@ def sheet_text(data: bytes, label: str, sheet: str = "") -> tuple[str, bytes]:
     Raises:
         InputError: it is no whole workbook, too large once unpacked, protected or empty, or lacks the sheet.
     """
-    with _opened(data, label) as book:
-        shown, hidden = _sheet_names(book)
+    with _opened(data, label) as (book, shown, hidden):
         if sheet and sheet not in (*shown, *hidden):
             names = ", ".join(shown)
             raise InputError.stated("no-channel.sheet", label, value=sheet, names=names)
@@ -335,8 +326,9 @@ def sheet_text(data: bytes, label: str, sheet: str = "") -> tuple[str, bytes]:
 
 
 @contextmanager
-def _opened(data: bytes, label: str) -> Iterator[CalamineWorkbook]:
-    from python_calamine import CalamineWorkbook
+def _opened(data: bytes, label: str) -> Iterator[tuple[CalamineWorkbook, list[str], list[str]]]:
+    """A workbook, and the names of its sheets of cells, those that it shows and those that it hides."""
+    from python_calamine import CalamineWorkbook, SheetTypeEnum, SheetVisibleEnum
 
     with decoded("workbook", label, spared=MemoryError):
         with zipfile.ZipFile(io.BytesIO(data)) as packed:
@@ -344,7 +336,10 @@ def _opened(data: bytes, label: str) -> Iterator[CalamineWorkbook]:
             if "xl/workbook.xml" not in packed.namelist():
                 raise ValueError("no workbook of the kind .xlsx in it")
         require_small(size, label, share=0.5)
-        yield CalamineWorkbook.from_filelike(io.BytesIO(data))
+        book = CalamineWorkbook.from_filelike(io.BytesIO(data))
+        of_cells = [sheet for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
+        shown = [sheet.name for sheet in of_cells if sheet.visible == SheetVisibleEnum.Visible]
+        yield book, shown, [sheet.name for sheet in of_cells if sheet.name not in shown]
 
 
 _TIMES = (datetime, time, timedelta)
@@ -360,7 +355,7 @@ def _with_all_digits(rows: list[list[Any]], data: bytes, label: str, name: str) 
         for member in packed.namelist():
             if member != "xl/styles.xml":
                 unpacked.writestr(member, packed.read(member))
-    with _opened(bare.getvalue(), label) as book:
+    with _opened(bare.getvalue(), label) as (book, *_):
         days = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
     return [list(map(_time_of, *pair)) for pair in zip(rows, days, strict=True)]
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from bayestissue.base.errors import InputError, Problem, collected, refuse
 from bayestissue.base.outline import first_of
-from bayestissue.recordings.dataset.cells import in_case_of, read_cells, with_subject
+from bayestissue.recordings.dataset.cells import in_case_of, is_height, read_cells, with_subject
 from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.folder import RecorderFile, RecorderFolder
 from bayestissue.recordings.intake.names import (
@@ -20,7 +20,6 @@ from bayestissue.recordings.intake.names import (
     columns,
     contradictions,
     fills,
-    is_height,
 )
 
 if TYPE_CHECKING:
@@ -121,9 +120,9 @@ class _FactTable:
     @classmethod
     def read(cls, source: Source, fields: Sequence[str]) -> _FactTable:
         cells, lines = read_cells(source)
-        if "subject" not in fields or FILE not in _in_standard_case(cells):
-            cells.columns = with_subject(list(map(str, cells.columns)))
         names = _in_standard_case(cells)
+        if "subject" not in fields or FILE not in names:
+            names = with_subject(names)
         cells.columns = pd.Index(names)
         keys = () if FILE in names else tuple(n for n in fields if n in names and n not in NUMBERS)
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))

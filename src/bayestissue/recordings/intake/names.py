@@ -14,13 +14,11 @@ import pyarrow.compute as pc
 
 from bayestissue.base.declarations import declared
 from bayestissue.base.errors import InputError, Problem, refuse
-from bayestissue.recordings.dataset.cells import HEIGHTS, number_in
+from bayestissue.recordings.dataset.cells import HEIGHTS, is_height, number_in
 from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY
+from bayestissue.recordings.dataset.dialect import OPEN, open_mark
 from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.folder import RecorderFile
-
-# 1,234 may be a thousand and some, or one and some.
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}", re.ASCII)
 
 # Of each name the column that it fills with (factor x number)^power. After a fall, of a pendulum too, the
 # velocity is v = (2 g h)^(1/2); the height stays as a covariate as well.
@@ -32,11 +30,6 @@ _FILLS: dict[str, tuple[str, float, float]] = {
     **{name: ("velocity_m_s", 2 * metres * STANDARD_GRAVITY, 0.5) for name, metres in HEIGHTS.items()},
 }
 NUMBERS = {"mass_kg", "velocity_m_s", "sampling_rate_hz", "energy_J", "diameter_m", *_FILLS}
-
-
-def is_height(name: str) -> bool:
-    """Whether a field is a height of fall."""
-    return name.startswith("drop_height")
 
 
 def fills(name: str) -> str:
@@ -60,10 +53,8 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
         if name not in NUMBERS:
             cells[name] = text.strip()
             continue
-        if _THOUSANDS.fullmatch(text.strip()):
-            whole, decimals = text.replace(",", ""), text.replace(",", ".")
-            said = Problem.stated("open-mark", file, None, name, text, whole=whole, decimals=decimals)
-            problems.append(said)
+        if "," in text and OPEN.fullmatch(text.strip()):
+            problems.append(open_mark(file, None, name, text))
             continue
         value = number_in(text.strip().replace(",", "."))
         if not 0 < value < math.inf:
