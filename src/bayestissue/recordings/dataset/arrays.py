@@ -94,9 +94,9 @@ def dataset(
         table = impact_table(cells, rows, needs_velocity=needs_velocity)
         listed = cells["impact"].tolist()
         with along_with(table.problems):
-            label, recorded, sample_rows = _columns(traces, listed, signal)
+            label, recorded = _columns(traces, listed, signal)
             further = [_further(one, by_name, traces, listed, signal) for one in settings.channel]
-        readings = [long_reading(label, recorded, sample_rows, listed, signal), *further]
+        readings = [long_reading(label, recorded, listed, signal), *further]
         data = checked_dataset(settings, table, readings, skip_bad=skip_bad)
         return replace(data, input_hash=_hash(settings, cells, readings))
 
@@ -146,15 +146,15 @@ def _further(
     if channel_traces is None and not isinstance(traces, pd.DataFrame):
         raise InputError.stated("array-shape.channel", _SINGLE, value="no traces", name=channel.name)
     if channel_traces is None:
-        label, columns, rows = _columns(traces, impacts, signal, first)
+        label, columns = _columns(traces, impacts, signal, first)
         columns, signal = at_own_clock(columns, signal, first, label)
-        return on_first_clock(long_reading(label, columns, rows, impacts, signal), channel)
+        return on_first_clock(long_reading(label, columns, impacts, signal), channel)
     suffix = f" of the channel {channel.name}"
     try:
-        label, columns, rows = _columns(channel_traces, impacts, signal)
+        label, columns = _columns(channel_traces, impacts, signal)
     except InputError as error:
         raise InputError(replace(problem, file=problem.file + suffix) for problem in error.problems) from None
-    return on_first_clock(long_reading(label + suffix, columns, rows, impacts, signal), channel)
+    return on_first_clock(long_reading(label + suffix, columns, impacts, signal), channel)
 
 
 def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
@@ -181,8 +181,8 @@ def plain_text(value: Any) -> str:
 
 def _columns(
     traces: Any, impacts: list[str], signal: SignalSettings, first: SignalSettings | None = None
-) -> tuple[str, Contents, np.ndarray]:
-    """What messages call the recordings, all samples under one another, and their rows.
+) -> tuple[str, Contents]:
+    """What messages call the recordings, and all samples under one another.
 
     Of a further channel in a table with the ``first`` one, also numeric times of `clocks_beside`.
     """
@@ -197,7 +197,7 @@ def _columns(
         numbers = {name: _numbers(traces[name], _LONG, name, None) for name in {*columns, *further}}
         if not len(codes):
             raise InputError.stated("no-rows.samples", _LONG, value="no rows")
-        return _LONG, Contents(numbers, labels={"impact": labels}, columns=all_names), np.arange(len(codes))
+        return _LONG, Contents(numbers, 0, labels={"impact": labels}, columns=all_names)
     if isinstance(traces, Mapping):
         named = [(plain_text(name), trace) for name, trace in traces.items()]
     elif isinstance(traces, Sequence) and not isinstance(traces, str) and len(traces) == len(impacts):
@@ -206,17 +206,14 @@ def _columns(
         kind = f"{len(traces)} recordings" if isinstance(traces, Sequence) else type(traces).__name__
         raise InputError.stated("array-shape.recordings", _SINGLE, value=kind, count=len(impacts))
     pairs = all_of(lambda item: _pair(item[1], item[0], columns), named)
-    count = [len(times.values) for _, times, _ in pairs]
+    count = [len(times.values) for times, _ in pairs]
     labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
-    row_ranges = (first + np.arange(number) for (first, *_), number in zip(pairs, count, strict=True))
-    rows = np.concatenate([np.empty(0, int), *row_ranges])
-    parts = zip(columns, ([times for _, times, _ in pairs], [values for *_, values in pairs]), strict=True)
-    numbers = {name: Channel.joined(part) for name, part in parts}
-    return _SINGLE, Contents(numbers, labels={"impact": labels}), rows
+    numbers = {name: Channel.joined([pair[at] for pair in pairs]) for at, name in enumerate(columns)}
+    return _SINGLE, Contents(numbers, labels={"impact": labels})
 
 
-def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Channel, Channel]:
-    """The first sample that is not hidden, and the times and values from there to the last such one."""
+def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[Channel, Channel]:
+    """The times and values from the first sample that is not hidden to the last such one."""
     if isinstance(trace, Trace):
         trace = trace.time_s, trace.value
     elif isinstance(trace, pd.DataFrame):
@@ -240,15 +237,16 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Chann
     for part in trace:
         hidden |= np.ma.getmaskarray(part) if isinstance(part, np.ma.MaskedArray) else False
     if not hidden.any():
-        return 0, times, readings
+        return times, readings
     shown = np.flatnonzero(~hidden)
     first, stop = (shown[0], shown[-1] + 1) if len(shown) else (0, 0)
-    return int(first), _stretch(times, hidden, first, stop), _stretch(readings, hidden, first, stop)
+    return _stretch(times, hidden, first, stop), _stretch(readings, hidden, first, stop)
 
 
 def _stretch(numbers: Channel, hidden: np.ndarray, first: int, stop: int) -> Channel:
     text = {index - first: words for index, words in numbers.text.items() if first <= index < stop}
-    return Channel(np.where(hidden, np.nan, numbers.values)[first:stop], text=text)
+    values = np.where(hidden, np.nan, numbers.values)[first:stop]
+    return Channel(values, rows=np.arange(first, stop), text=text)
 
 
 def _numbers(values: Any, label: str, column: str, impact: str | None) -> Channel:

@@ -10,14 +10,15 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import pairwise
+from math import isnan
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int
 
 from bayestissue.base.errors import InputError, Problem, all_of, refuse
+from bayestissue.recordings.dataset.cells import number_in
 from bayestissue.recordings.dataset.clock_times import within_a_day
 from bayestissue.recordings.dataset.dataset_file import ChannelSettings, Settings, SignalSettings
 from bayestissue.recordings.dataset.formats import FORMATS, labview
@@ -30,7 +31,7 @@ from bayestissue.recordings.dataset.formats.channel import (
     unit_in_name,
 )
 from bayestissue.recordings.dataset.impact_table import ImpactTable
-from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES, Trace
+from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES
 from bayestissue.recordings.dataset.recordings import (
     Reading,
     Samples,
@@ -47,13 +48,11 @@ from bayestissue.recordings.dataset.units import dimension_of, to_si
 LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.xlsx", "traces.parquet")
 _TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
 SUFFIXES = (*TABLE_SUFFIXES, *FORMATS)
-# Names of columns that say time.
-_NAMED = re.compile(
-    r"(?:^|[\W_])(?:time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)(?:[\W_\d]|$)", re.IGNORECASE
-)
+# What says time in the name of a column.
+TIME = "(?:time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)"
+_NAMED = re.compile(rf"(?:^|[\W_]){TIME}(?:[\W_\d]|$)", re.IGNORECASE)
 # Of a sampling interval: times that differ by less are alike.
 _ALIKE = 0.25
-_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def read_recordings(folder: Path, table: ImpactTable, settings: Settings) -> list[Reading]:
@@ -126,24 +125,20 @@ def _read_long(
         optional=partial(clocks_beside, signal, first),
     )
     table, signal = at_own_clock(table, signal, first, path.name)
-    rows = table.first_row + np.arange(table.labels["impact"].codes.size)
-    return replace(long_reading(path.name, table, rows, impacts, signal), files=[path])
+    return replace(long_reading(path.name, table, impacts, signal), files=[path])
 
 
-def long_reading(
-    file: str, table: Contents, rows: Int[np.ndarray, " row"], impacts: list[str], signal: SignalSettings
-) -> Reading:
+def long_reading(file: str, table: Contents, impacts: list[str], signal: SignalSettings) -> Reading:
     """The recordings in columns that were read already, sorted by impact.
 
     Args:
         file: what messages call the table.
         table: impact, time and value of each sample, in their units.
-        rows: of each sample what messages call its row.
         impacts: the names that there should be, in order.
         signal: names of the columns, units, scale and offset.
     """
     times, readings = table.channels[signal.time_column], table.channels[signal.value_column]
-    labels = table.labels["impact"]
+    labels, rows = table.labels["impact"], table.rows_of(signal.value_column)
     position = {name: index for index, name in reversed(list(enumerate(impacts)))}
     codes = np.array([position.get(name, -1) for name in labels.names], int)[labels.codes]
     count = np.bincount(codes[codes >= 0], minlength=len(impacts))
@@ -187,23 +182,21 @@ def read_files(
     names = impacts["impact"].tolist()
     rates, windows = numbers_in(impacts, "sampling_rate_hz"), windows_of(impacts, signal)
     taken: dict[Source, list[int]] = {}
-    held: tuple[tuple[Source, str], Samples] | None = None
+    # One that several impacts share is read once: they mostly follow each other.
+    whole = lru_cache(maxsize=1)(lambda source, rate: read_one(source, signal, float(rate), first))
     size = 0
     for index, name in enumerate(impacts["trace"]):
         try:
             source = _inside(folder, name, int(rows[index]))
             _require_apart(source, index, int(rows[index]), taken, windows)
-            # One that several impacts share is read once: they mostly follow each other.
-            key = (source, str(rates[index]))
-            if held is None or held[0] != key:
-                held = key, _samples(read_recording(source, signal, first), rates[index], name, signal)
-            whole = replace(held[1], impact=np.array([index]), file=[name])
+            recording = whole(source, str(rates[index]))
         except InputError as error:
             of_impact = partial(replace, impact=names[index] or None, files_read=len(impacts))
             problems += map(of_impact, error.problems)
             continue
         taken.setdefault(source, []).append(index)
-        piece, outside = crop(whole, windows, names)
+        recording = replace(recording, impact=np.array([index]), file=[name])
+        piece, outside = crop(recording, windows, names)
         problems += outside
         if not outside:
             size += piece.time_s.nbytes + piece.value.nbytes
@@ -213,28 +206,27 @@ def read_files(
     return Reading(Samples.joined(pieces, signal), problems, files)
 
 
-def read_one(source: Source, signal: SignalSettings, rate: float = np.nan) -> Trace:
+def read_one(
+    source: Source, signal: SignalSettings, rate: float, first: SignalSettings | None = None
+) -> Samples:
     """A whole recording, in SI units.
 
     Args:
         source: the file.
         signal: names of the channels, units, scale and offset.
         rate: the sampling rate in Hz, where the file has no times.
+        first: as of `read_recording`.
 
     Raises:
         InputError: the file is missing or damaged, lacks a channel, or has no times.
     """
-    return _samples(read_recording(source, signal), rate, source.label, signal)[0]
-
-
-def _samples(recorded: Channel, rate: float, file: str, signal: SignalSettings) -> Samples:
-    """The recording in SI units, its times by the sampling rate (Hz) where it has none."""
+    recorded, file = read_recording(source, signal, first), source.label
     time, count = recorded.clock, len(recorded.values)
     if time is None and np.isfinite(rate):
         time = np.arange(count) / rate
     if time is None:
         raise InputError.stated("no-times", file, column=signal.time_column, value="no times")
-    start, rows = np.array([0, count]), np.arange(count) if recorded.rows is None else recorded.rows
+    start, rows = np.array([0, count]), np.asarray(recorded.rows)
     names, value = (signal.time_column, signal.value_column), in_si(recorded.values, signal)
     return Samples(time, value, start, np.array([0]), [file], rows, *names, recorded.text).to_their_ends
 
@@ -273,19 +265,39 @@ def read_recording(source: Source, signal: SignalSettings, first: SignalSettings
     Args:
         source: the file; its suffix says the format.
         signal: the names of the channels, and how a text is written.
-        first: those of the first channel, where this is a further one: see `own_clock`.
+        first: those of the first channel, where this is a further one: see `at_own_clock`.
 
     Raises:
         InputError: the file is missing, damaged, of an unknown format, or lacks a channel.
     """
-    form = _format_of(source)
+    form, label = _format_of(source), source.label
     if form is None:
-        return _from_table(replace(source, stated=signal), signal, first)
-    contents = _contents(source, form)
-    if len(contents.blocks) > 1:
-        value, part = f"{len(contents.blocks)} blocks", f"{source.label}#1"
-        raise InputError.stated("no-channel.blocks", source.label, value=value, first=part)
-    return _pick(contents, source.label, signal, first)
+        wanted = [signal.time_column] if "time_column" in signal.model_fields_set else []
+        contents = read_table(
+            replace(source, stated=signal),
+            numbers=[*wanted, signal.value_column],
+            optional=partial(clocks_beside, signal, first),
+        )
+    else:
+        contents = _contents(source, form)
+        if len(contents.blocks) > 1:
+            blocks = f"{len(contents.blocks)} blocks"
+            raise InputError.stated("no-channel.blocks", label, value=blocks, first=f"{label}#1")
+        signal = _naming_channels(contents, label, signal)
+    contents, signal = at_own_clock(contents, signal, first, label)
+    name, channels = signal.value_column, contents.channels
+    value, time = channels[name], channels.get(signal.time_column)
+    count = value.values.size
+    if count < MIN_SAMPLES and (others := long_enough(channels)):
+        limits = {"least": MIN_SAMPLES, "others": ", ".join(others)}
+        raise InputError.stated("no-channel.short", label, column=name, value=f"{count} samples", **limits)
+    rows = contents.rows_of(name)
+    if time is None:
+        return replace(value, rows=rows)
+    if time.values.size != count:
+        where = label, None, signal.time_column, time.values.size
+        raise InputError.stated("clock-and-channel.count", *where, channel=name, count=count)
+    return replace(value, clock=times_of(time, signal), rows=rows, text={**time.text, **value.text})
 
 
 def contents_of(source: Source) -> Contents:
@@ -329,7 +341,7 @@ def is_text_of_numbers(path: Path) -> bool:
         return False
     lines = begin.splitlines()[:-1] or begin.splitlines()
     cells = [cell for line in lines[len(lines) // 2 :] for cell in re.split(rb"[\s,;|]+", line) if cell]
-    numbers = sum(_NUMBER.fullmatch(cell) is not None for cell in cells)
+    numbers = sum(not isnan(number_in(cell.decode("latin-1"))) for cell in cells)
     return len(lines) >= MIN_SAMPLES and numbers > 0.8 * len(cells)
 
 
@@ -363,20 +375,12 @@ def _contents(source: Source, form: Format) -> Contents:
     return blocks[int(source.part) - 1]
 
 
-def _from_table(source: Source, signal: SignalSettings, first: SignalSettings | None) -> Channel:
-    wanted = [signal.value_column]
-    if "time_column" in signal.model_fields_set:
-        wanted.insert(0, signal.time_column)
-    table = read_table(source, numbers=wanted, optional=partial(clocks_beside, signal, first))
-    table, signal = at_own_clock(table, signal, first, source.label)
-    value, time = table.channels[signal.value_column], table.channels.get(signal.time_column)
-    rows = table.first_row + np.arange(value.values.size)
-    if time is None:
-        return replace(value, rows=rows)
-    return replace(value, clock=times_of(time, signal), rows=rows, text={**time.text, **value.text})
+def _naming_channels(contents: Contents, label: str, signal: SignalSettings) -> SignalSettings:
+    """The settings with the channel of a recorder's file that holds the values.
 
-
-def _pick(contents: Contents, label: str, signal: SignalSettings, first: SignalSettings | None) -> Channel:
+    Raises:
+        InputError: the file has no such channel, or none with times that are named.
+    """
     problems, channels = [], contents.channels
     name = signal.value_column
     if name not in channels and "value_column" not in signal.model_fields_set:
@@ -387,19 +391,7 @@ def _pick(contents: Contents, label: str, signal: SignalSettings, first: SignalS
             listed = ", ".join(channels) or "no channels of numbers"
             problems.append(Problem.stated("no-channel.named", label, None, wanted, listed, setting=key))
     refuse(problems)
-    value, time = channels[name], channels.get(signal.time_column)
-    if time is not None and first is not None:
-        _, time = own_clock(contents, signal, first, label)
-    count = value.values.size
-    if count < MIN_SAMPLES and (others := long_enough(channels)):
-        limits = {"least": MIN_SAMPLES, "others": ", ".join(others)}
-        raise InputError.stated("no-channel.short", label, column=name, value=f"{count} samples", **limits)
-    if time is not None and time.values.size != count:
-        where = label, None, signal.time_column, time.values.size
-        raise InputError.stated("clock-and-channel.count", *where, channel=name, count=count)
-    clock = value.clock if time is None else in_seconds(time.values, signal)
-    rows = contents.first_row + np.arange(count) if value.rows is None else value.rows
-    return Channel(value.values, clock, rows=rows)
+    return signal.model_copy(update={"value_column": name})
 
 
 def clocks_among(names: Sequence[str]) -> list[str]:
@@ -413,30 +405,42 @@ def times_of(column: Channel, signal: SignalSettings) -> np.ndarray:
     return column.values if column.since is not None else in_seconds(column.values, signal)
 
 
-def own_clock(
-    contents: Contents, signal: SignalSettings, first: SignalSettings, label: str
-) -> tuple[str, Channel | None]:
-    """The name and the times of a channel, in the unit and since the beginning of the first one's.
+def at_own_clock(
+    contents: Contents, signal: SignalSettings, first: SignalSettings | None, label: str
+) -> tuple[Contents, SignalSettings]:
+    """The contents with a further channel's times by the first one's clock, and settings with their name.
 
-    Where the values of each channel stand behind times of their own, these are the nearest before them. Where
-    the places do not tell, the first channel's times, if no others contradict them.
+    They are in the unit and since the beginning of the first channel's times.
 
     Args:
-        contents: of the file, at least what is among `clocks_among` and both channels' times.
+        contents: of the file, at least what is among `clocks_beside`.
         signal: the settings of the channel.
-        first: those of the first one; of itself where there is one channel.
+        first: those of the first one; None where this is the first, or has a table of its own.
         label: what to call the file in a message.
 
     Raises:
         InputError: times that differ could all be the channel's.
     """
+    columns, name = contents.channels, signal.time_column
+    if first is None or (shared := columns.get(first.time_column)) is None:
+        return contents, signal
+    if name == first.time_column:
+        name = _own_clock(contents, signal, first, label)
+    if name not in columns:
+        return contents, signal
+    times = _as_beside(columns[name], name, shared, first)
+    contents = replace(contents, channels=columns | {name: times})
+    return contents, signal.model_copy(update={"time_column": name})
+
+
+def _own_clock(contents: Contents, signal: SignalSettings, first: SignalSettings, label: str) -> str:
+    """The name of a further channel's times; arguments and what is raised as of `at_own_clock`.
+
+    Where the values of each channel stand behind times of their own, these are the nearest before them. Where
+    the places do not tell, the first channel's times, if no others contradict them.
+    """
     names, columns = contents.names, contents.channels
-    shared = columns.get(first.time_column)
-    if signal.time_column != first.time_column or shared is None:
-        times = columns.get(signal.time_column)
-        return signal.time_column, times if times is None else _as_beside(
-            times, signal.time_column, shared, first
-        )
+    shared = columns[first.time_column]
     named = [name for name in names if name in {*clocks_among(names), first.time_column}]
     clocks = [name for name in named if name in columns and _rises(columns[name], shared)]
 
@@ -446,21 +450,19 @@ def own_clock(
 
     own, of_first = before(signal.value_column), before(first.value_column)
     if own is not None and own != of_first == first.time_column:
-        return own, _as_beside(columns[own], own, shared, first)
+        return own
     # Times that no column of values stands behind.
     alone = {name for name, behind in pairwise([*names, first.time_column]) if behind in clocks}
     for name in clocks:
         times = _as_beside(columns[name], name, shared, first)
         if name in alone | {own, of_first} and _contradict(shared.values, times.values):
-            listed = ", ".join(clocks)
-            raise InputError.stated(
-                "clock-and-channel.which", label, value=listed, channel=signal.value_column
-            )
-    return first.time_column, shared
+            where = label, None, None, ", ".join(clocks)
+            raise InputError.stated("clock-and-channel.which", *where, channel=signal.value_column)
+    return first.time_column
 
 
 def clocks_beside(signal: SignalSettings, first: SignalSettings | None, names: Sequence[str]) -> list[str]:
-    """Which columns of times are read beside a channel: its own, and of a further one all of `own_clock`.
+    """Which columns of times are read beside a channel: its own, and of a further one all of `at_own_clock`.
 
     Args:
         signal: the settings of the channel.
@@ -473,36 +475,14 @@ def clocks_beside(signal: SignalSettings, first: SignalSettings | None, names: S
     return list(dict.fromkeys(clocks))
 
 
-def at_own_clock(
-    table: Contents, signal: SignalSettings, first: SignalSettings | None, label: str
-) -> tuple[Contents, SignalSettings]:
-    """A table with a further channel's times by `own_clock`, and the settings with their name.
-
-    Args:
-        table: with the columns of `clocks_beside`.
-        signal: the settings of the channel.
-        first: as of `clocks_beside`.
-        label: what to call the file in a message.
-    """
-    if first is None or first.time_column not in table.names:
-        return table, signal
-    name, times = own_clock(table, signal, first, label)
-    if times is None:
-        return table, signal
-    table = replace(table, channels=table.channels | {name: times})
-    return table, signal.model_copy(update={"time_column": name})
-
-
 def _rises(times: Channel, like: Channel) -> bool:
     known = times.values[np.isfinite(times.values)]
     same = (times.since is None) == (like.since is None)
     return same and known.size > 1 and bool(known[-1] > known[0])
 
 
-def _as_beside(times: Channel, name: str, shared: Channel | None, first: SignalSettings) -> Channel:
+def _as_beside(times: Channel, name: str, shared: Channel, first: SignalSettings) -> Channel:
     """Times in the unit of others; times of day since the beginning of these."""
-    if shared is None:
-        return times
     if times.since is not None and shared.since is not None:
         return replace(times, values=times.values + within_a_day(times.since - shared.since))
     units = (times.unit or unit_in_name(name), shared.unit or unit_in_name(first.time_column))

@@ -22,7 +22,7 @@ from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
 from bayestissue.recordings.dataset.dataset_file import SignalSettings, parse_settings, reworded
 from bayestissue.recordings.dataset.dialect import Stated
 from bayestissue.recordings.dataset.left_out import NEVER_READ, reason_of, write_left_out
-from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES, Traces
+from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES
 from bayestissue.recordings.dataset.recorders import read_one
 from bayestissue.recordings.dataset.recordings import CROP, ends_of
 from bayestissue.recordings.dataset.source_files import Source
@@ -84,7 +84,7 @@ def build(folder: Path, recordings: RecorderFolder, facts: Facts, choices: Choic
             that they make.
     """
     problems = [*recordings.problems, *facts.problems]
-    settings = _settings(choices, len(recordings.files))
+    settings = choices.content(f"bayestissue init, from {counted(len(recordings.files), 'recorder file')}")
     plan = _Plan(recordings, facts, choices, settings, _signal(settings, problems))
     rows = list(plan.rows(problems))
     if not rows:
@@ -123,13 +123,6 @@ def _of_another_force(choices: Choices, problems: Iterable[Problem]) -> tuple[Ch
 def _impact_name(file: Source) -> str:
     """What the impact of a recording is called."""
     return f"{file.stem}_{file.part}" if file.part else file.stem
-
-
-def _settings(choices: Choices, files: int) -> dict[str, Any]:
-    names = f", names read as {choices.pattern}" if choices.pattern else ""
-    source = f"bayestissue init, from {counted(files, 'recorder file')}{names}"
-    content = choices.content()
-    return {**content, "source": source, "signal": {**content.get("signal", {}), **choices.text}}
 
 
 def _signal(settings: dict[str, Any], problems: list[Problem]) -> SignalSettings:
@@ -300,8 +293,8 @@ class _Plan:
 
     def oriented(self, file: RecorderFile) -> Trace:
         """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
-        read = read_one(file.source, self.signal, self._rate(file))
-        whole, (start, stop) = Traces.of([read]).slowing(self.signal.quantity), ends_of(self.signal)
+        whole = read_one(file.source, self.signal, self._rate(file)).slowing(self.signal.quantity)
+        start, stop = ends_of(self.signal)
         return whole.at((whole.time_s >= start) & (whole.time_s <= stop))[0]
 
     def _rate(self, file: RecorderFile) -> float:

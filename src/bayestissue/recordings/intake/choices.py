@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,19 +14,18 @@ from pydantic import Field
 
 from bayestissue.base.errors import InputError, Problem, refuse
 from bayestissue.base.settings import Argument, TomlTable, argument, checked
+from bayestissue.recordings.dataset.cells import is_height
 from bayestissue.recordings.dataset.dataset_file import DIMENSIONS, arguments, content_of, plain_value
 from bayestissue.recordings.dataset.dataset_file import PLACES as KEYS
 from bayestissue.recordings.dataset.impact_table import WITHIN, in_two_levels
 from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES, RATE_WITHIN
+from bayestissue.recordings.dataset.recorders import TIME
 from bayestissue.recordings.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.recordings.intake.facts import Facts
 from bayestissue.recordings.intake.folder import ChannelSummary, RecorderFile, RecorderFolder
-from bayestissue.recordings.intake.names import is_height
 
 _VOLTS = {"V", "mV", "Volt", "Volts", "volt", "volts"}
-_TIME = re.compile(
-    r"(time|timestamp|elapsed|zeit|uhrzeit|temps|tiempo|tempo|t)\b|time_|seconds_elapsed", re.IGNORECASE
-)
+_TIME = re.compile(rf"{TIME}\b|time_|seconds_elapsed", re.IGNORECASE)
 # What impacts.csv needs: what it is, and an example.
 _NEEDED = {
     "subject": ("who was hit", "s01"),
@@ -122,10 +121,13 @@ class Choices(TomlTable):
         """What an option states; None where it does not."""
         return self.keys.get(option)
 
-    def content(self) -> dict[str, Any]:
-        """A part of ``dataset.toml``."""
+    def content(self, source: str) -> dict[str, Any]:
+        """What ``dataset.toml`` says of these recordings, which come from the ``source``."""
         content = content_of({option: value for option, value in self.keys.items() if value != {}}, PLACES)
-        return content | ({"channel": [self.beside]} if self.beside else {})
+        content["signal"] = content.get("signal", {}) | self.text
+        names = f", names read as {self.pattern}" if self.pattern else ""
+        channel = {"channel": [self.beside]} if self.beside else {}
+        return content | channel | {"source": source + names}
 
 
 def options() -> dict[str, Argument]:
@@ -228,12 +230,12 @@ def settle(
             names = ", ".join(channels)
             raise InputError.stated("no-channel.option", f"--{option}", value=name, names=names)
     force = _force_channel(choices, recordings)
-    choices, questions = _answered(choices, "channel", lambda: _one_of(values, "--channel", _IMPACT))
+    choices, questions = _answered(choices, "channel", _one_of(values, "--channel", _IMPACT))
     named = choices.stated("channel")
     chosen = channels[named] if named else [channel for name in values for channel in channels[name]]
     rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
     if not rated and not all(channel.clock for channel in chosen):
-        choices, asked = _answered(choices, "time", lambda: _time(channels, named))
+        choices, asked = _answered(choices, "time", _time(channels, named))
         questions += asked
     if (time := choices.stated("time")) is not None and choices.stated("time_unit") is None:
         choices = choices.stating(time_unit=_unit(channels[time], ["time"]))
@@ -242,14 +244,13 @@ def settle(
     return choices.stating(beside=force if choices.stated("quantity") in BESIDE_FORCE else {}), questions
 
 
-def _answered(
-    choices: Choices, option: str, answer: Callable[[], str | MissingFact]
-) -> tuple[Choices, list[MissingFact]]:
+def _answered(choices: Choices, option: str, answer: str | MissingFact) -> tuple[Choices, list[MissingFact]]:
     """The choices with an option that is not stated as the files have it, or the question for it."""
     if choices.stated(option) is not None:
         return choices, []
-    found = answer()
-    return (choices, [found]) if isinstance(found, MissingFact) else (choices.stating(**{option: found}), [])
+    if isinstance(answer, MissingFact):
+        return choices, [answer]
+    return choices.stating(**{option: answer}), []
 
 
 def _measured(choices: Choices, chosen: Sequence[ChannelSummary]) -> tuple[Choices, list[MissingFact]]:
@@ -261,7 +262,7 @@ def _measured(choices: Choices, chosen: Sequence[ChannelSummary]) -> tuple[Choic
     if unit is None and quantity in DIMENSIONS and quantity not in possible:
         can_be = {"unit": ", ".join(sorted(units)), "possible": " or ".join(possible)}
         raise InputError.stated("option-value.quantity", "--quantity", value=quantity, **can_be)
-    choices, questions = _answered(choices, "quantity", lambda: _one_of(possible, "--quantity", _RECORDED))
+    choices, questions = _answered(choices, "quantity", _one_of(possible, "--quantity", _RECORDED))
     quantity = choices.stated("quantity")
     dimensions = list(dict.fromkeys(DIMENSIONS[name] for name in possible))
     if quantity is not None:

@@ -42,11 +42,13 @@ class Channel:
 
     @classmethod
     def joined(cls, parts: Sequence[Channel]) -> Channel:
-        """The values of several channels end to end."""
+        """The values of several channels end to end; those of one of no rows are counted from 0."""
         begin = np.cumsum([0, *(part.values.size for part in parts)])
         words = zip(begin, (part.text for part in parts), strict=False)
         text = {int(first) + index: text[index] for first, text in words for index in text}
-        return cls(np.concatenate([np.empty(0), *(part.values for part in parts)]), text=text)
+        values = np.concatenate([np.empty(0), *(part.values for part in parts)])
+        rows = (np.arange(part.values.size) if part.rows is None else part.rows for part in parts)
+        return cls(values, rows=np.concatenate([np.empty(0, int), *rows]), text=text)
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,11 @@ class Contents:
     def names(self) -> tuple[str, ...]:
         """Of all that the file has, in its order."""
         return self.columns or tuple(self.channels)
+
+    def rows_of(self, name: str) -> Int[np.ndarray, " sample"]:
+        """The row, or in a binary file the number, of each sample of a channel."""
+        values, rows = self.channels[name].values, self.channels[name].rows
+        return self.first_row + np.arange(values.size) if rows is None else rows
 
 
 @dataclass(frozen=True)

@@ -264,11 +264,9 @@ def _joined(pieces: Sequence[Contents]) -> Contents:
         return pieces[0]
     channels = {}
     for name, first in pieces[0].channels.items():
-        parts = [(piece.first_row, piece.channels[name]) for piece in pieces]
-        values = np.concatenate([part.values for _, part in parts])
-        clock = np.concatenate([part.clock for _, part in parts if part.clock is not None])
-        rows = np.concatenate([row + np.arange(part.values.size) for row, part in parts])
-        channels[name] = Channel(values, clock, first.unit, rows)
+        parts = [replace(piece.channels[name], rows=piece.rows_of(name)) for piece in pieces]
+        clock = np.concatenate([part.clock for part in parts if part.clock is not None])
+        channels[name] = replace(Channel.joined(parts), clock=clock, unit=first.unit)
     return Contents(channels, pieces[0].first_row)
 
 
