@@ -73,24 +73,21 @@ def run(
     from bayestissue.studies.init import default_out, prepare, write
 
     intake = prepare(folder, choices_of(**{name: _read(name, value) for name, value in stated.items()}))
-    if intake.questions and not quiet and not as_json and _at_a_terminal():
+    silent = quiet or as_json
+    if intake.questions and not silent and _at_a_terminal():
         intake = _asked(intake)
-    elif intake.guess and not quiet and not as_json:
+    elif intake.guess and not silent:
         echo("\n".join(intake.design()))
     out = out or default_out(folder)
     built = write(intake, out, overwrite=overwrite)
     path = built.dataset.folder or out
-    if not quiet and not as_json:
+    if not silent:
         for problem in by_cause(built.left_out):
             echo(f"left out: {problem} [{problem.code}]")
         show(more(problem.code for problem in built.left_out))
-        for words in intake.written():
-            echo(f"texts read as: {words}")
-        for words in intake.passed_over():
-            echo(f"passed over: {words}")
-        for note in built.notes:
-            echo(note)
-        echo(f"wrote {path}; look at {path / 'init.html'}")
+        said = [f"texts read as: {words}" for words in intake.written()]
+        said += [f"passed over: {words}" for words in intake.passed_over()]
+        echo("\n".join([*said, *built.notes, f"wrote {path}; look at {path / 'init.html'}"]))
     if not quiet:
         from bayestissue.commands import datasets
 

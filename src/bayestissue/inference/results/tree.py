@@ -115,10 +115,9 @@ def dimensions(
 
 def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
     signal = prepared.signal
-    inside = signal.inside
     return {
-        "displacement": np.where(inside, signal.x, np.nan),
-        "deceleration": np.where(inside, signal.deceleration, np.nan),
+        "displacement": np.where(signal.inside, signal.x, np.nan),
+        "deceleration": np.where(signal.inside, signal.deceleration, np.nan),
         **({"force": prepared.force.recorded(signal.mass)} if prepared.force else {}),
     }
 
@@ -126,15 +125,12 @@ def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
 def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     signal, record = prepared.signal, prepared.data.record
     error_sd, first = np.asarray(record.error_sd), np.asarray(record.first_time)
-    time = first[:, None] + signal.time_s
-    inside = signal.inside
-    has_depth = prepared.model.depends_on_depth
     return {
-        **({"common_depth_m": common_depth(signal)} if has_depth else {}),
+        **({"common_depth_m": common_depth(signal)} if prepared.model.depends_on_depth else {}),
         **({GRAVITY: signal.gravity[0]} if signal.gravity.any() else {}),
         **({"force_time": prepared.force.time} if prepared.force else {}),
         **({HEADFORM: 1} if prepared.model.headform else {}),
-        "time": np.where(inside, time, np.nan),
+        "time": np.where(signal.inside, first[:, None] + signal.time_s, np.nan),
         "mass_kg": signal.mass,
         "velocity_m_s": signal.velocity,
         "n_samples": signal.n_samples,

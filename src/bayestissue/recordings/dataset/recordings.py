@@ -236,14 +236,11 @@ class Recordings:
 
     def without(self, problems: list[Problem]) -> Recordings:
         """The recordings of impacts that none of the problems concerns."""
-        return self._only(~self.impacts["impact"].isin([problem.impact for problem in problems]))
+        return self.of_impacts({*self.impacts["impact"]} - {problem.impact for problem in problems})
 
     def of_impacts(self, names: Iterable[str]) -> Recordings:
         """The recordings of these impacts."""
-        return self._only(self.impacts["impact"].isin(list(names)))
-
-    def _only(self, keep: pd.Series) -> Recordings:
-        mine = keep.to_numpy()[self.samples.impact]
+        mine = pd.Index(self.name).isin(list(names))
         return self if mine.all() else replace(self, samples=self.samples[mine])
 
     def problem(
