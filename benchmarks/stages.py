@@ -120,6 +120,7 @@ def of_transitions(dataset: Path, model: str) -> str:
     from bayestissue.base.padding import padded_impacts
     from bayestissue.inference.chain.chain_settings import ChainSettings
     from bayestissue.inference.chain.draws import _advanced
+    from bayestissue.inference.chain.moves import Kernel
     from bayestissue.inference.chain.target import Target
     from bayestissue.inference.chain.warm_up import begin
     from bayestissue.inference.factors.expansions import expanded
@@ -134,14 +135,14 @@ def of_transitions(dataset: Path, model: str) -> str:
         return "these traces are not compressed"
     sites = padded_impacts(expanded(prepared))
     of_all = GaussianFactor(*(jnp.asarray(leaf)[None] for leaf in sites))
-    start = begin(target, of_all, 1, np.random.default_rng(0))
-    carried, key = (start.states[0], start.steps[0]), jax.random.PRNGKey(0)
+    (carried,), tuning = begin(target, of_all, 1, np.random.default_rng(0))
+    key = jax.random.PRNGKey(0)
     ways = {"nodes": target, "all samples": replace(target, compressed=None)}
     least = dict.fromkeys(ways, float("inf"))
     for turn in range(TURNS):
         for name, one in ways.items():
             begun = time.process_time()
-            jax.block_until_ready(_advanced(one, settings, start.tuning, carried, key, 0.0))
+            jax.block_until_ready(_advanced(Kernel(one, settings, tuning), carried, key))
             if turn:
                 least[name] = min(least[name], (time.process_time() - begun) / settings.segment)
     ratio = least["all samples"] / least["nodes"]

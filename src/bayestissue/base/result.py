@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 type Say = Callable[[str, int, int], None]
 
 
+def silent(*_: object) -> None:
+    """Say nothing."""
+
+
 class Result(Outlined):
     """What a command computes.
 
@@ -88,7 +92,7 @@ class Result(Outlined):
                 raise InputError.stated("out-taken.page", str(path))
             return _put(path, self.page())
         with claim(path, overwrite=overwrite, command=self.command, inputs=self.inputs) as target:
-            return self.put(target, lambda *_: None)
+            return self.put(target, silent)
 
     def put(self, target: OutputFolder, say: Say) -> Path:
         """Write all into a claimed place, whole, and then the page, which must not put them in doubt.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.result import Say
+from bayestissue.base.result import Say, silent
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
@@ -25,7 +25,7 @@ from bayestissue.inference.answers.reliability import (
     variances,
 )
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.chain.draws import chain_draws
+from bayestissue.inference.chain.draws import ChainJob, chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
@@ -121,7 +121,7 @@ def samples(
     prepared: Prepared,
     sampler: Sampler,
     seed: int,
-    say: Say = lambda *_: None,
+    say: Say = silent,
     *,
     expansions: GaussianFactor | None = None,
     checkpoints: Path | None = None,
@@ -132,7 +132,7 @@ def samples(
     if beginning is None:
         finding = partial(say, "looking for other explanations of each trace")
         beginning = explanations(prepared, expansions or expanded(prepared), finding)
-    return chain_draws(prepared, beginning, sampler, seed, progress=say, checkpoints=checkpoints)
+    return chain_draws(ChainJob(prepared, sampler, seed, say, checkpoints), beginning)
 
 
 def draws_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> Draws:
@@ -143,7 +143,8 @@ def draws_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> Draws:
     rows = some_impacts(count)
     scores = log_densities(prepared, chains.sites, chains.population, chains.log_ratios, rows)
     key = jax.random.PRNGKey(seed)
-    return posterior_draws(prepared, chains.population, chains.u[:, chosen], numbers, key, scores)
+    drawn = posterior_draws(prepared, chains.population, chains.u[:, chosen], numbers, key)
+    return replace(drawn, log_likelihood=scores)
 
 
 def label(

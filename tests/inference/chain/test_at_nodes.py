@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bayestissue.base.padding import padded_impacts
 from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.draws import _advanced
-from bayestissue.inference.chain.moves import State
+from bayestissue.inference.chain.moves import Kernel, State
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.chain.warm_up import begin
 from bayestissue.inference.factors.expansions import expanded
@@ -87,13 +87,13 @@ def test_one_trace_that_is_not_within_the_bound_has_all_asked_of_all_samples() -
 @pytest.mark.parametrize("model", [{"discrepancy": "none"}, {"discrepancy": "always"}])
 def test_a_chain_by_nodes_is_the_chain_by_all_samples(model: dict[str, str]) -> None:
     target, sites = begun(**model)
-    start = begin(target, sites, 1, np.random.default_rng(0))
+    (first,), tuning = begin(target, sites, 1, np.random.default_rng(0))
     settings, ends = ChainSettings(), []
     for one in (target, replace(target, compressed=None)):
-        carried, path = (start.states[0], start.steps[0]), []
+        carried, path = first, []
         for number in range(4):
             key = jax.random.fold_in(jax.random.key_data(jax.random.key(1)), number)
-            segment = _advanced(one, settings, start.tuning, carried, key, 0.1)
+            segment = _advanced(Kernel(one, settings, tuning, 0.1), carried, key)
             carried = segment.carried
             path.append(np.asarray(segment.path.traces))
         ends.append((carried[0], np.concatenate(path)))

@@ -45,12 +45,13 @@ FALSE_ALARM = 1e-4
 
 def by(name: str, several: int, target: GaussianTarget, state: State, key: Array) -> State:
     """The state after one move."""
-    settings, (tuning, steps) = ChainSettings(), bad_tuning(target, several)
+    tuning, steps = bad_tuning(target, several)
+    kernel = moves.Kernel(target, ChainSettings(), tuning)
     if name == "centred":
-        numbers = moves.walk_numbers(target, settings.centred, key)
-        return moves.centred(target, tuning, steps, state, numbers)[0]
-    of_move = moves.move_numbers(target, settings, key)
-    proposal = getattr(moves, name)(target, tuning, steps, state, of_move)
+        numbers = moves.walk_numbers(target, kernel.settings.centred, key)
+        return moves.centred(kernel, steps, state, numbers)[0]
+    of_move = moves.move_numbers(target, kernel.settings, key)
+    proposal = getattr(moves, name)(kernel, steps, state, of_move)
     return moves.decided(target, state, proposal, of_move.decision)[0]
 
 

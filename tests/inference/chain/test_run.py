@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +15,7 @@ from numpyro.distributions import biject_to
 from bayestissue.base import runtime
 from bayestissue.inference.chain import draws as chain
 from bayestissue.inference.chain.chain_settings import ChainSettings
-from bayestissue.inference.chain.draws import chain_draws
+from bayestissue.inference.chain.draws import ChainJob, chain_draws
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
 from bayestissue.inference.chain.run import read_arrays, write_arrays
 from bayestissue.inference.chain.target import Target
@@ -44,14 +43,16 @@ def drawn(
     monkeypatch: pytest.MonkeyPatch,
     seed: int = 1,
     sampler: Sampler = FEW,
-    **options: Any,
+    settings: ChainSettings | None = None,
+    checkpoints: Path | None = None,
 ) -> ChainDraws:
     """Draws of a target that stands for that of a fit; its sites [site, impact, ...]."""
     monkeypatch.setattr(chain.Target, "from_prepared", lambda _: target)
     count = int(target.present.sum())
     here = GaussianFactor(*(np.asarray(leaf)[:, :count] for leaf in sites))
     table = {name: values[:count] for name, values in PEOPLE.items()}
-    return next(chain_draws(prepared(K if count > 1 else "1", table), here, sampler, seed, **options))
+    job = ChainJob(prepared(K if count > 1 else "1", table), sampler, seed, checkpoints=checkpoints)
+    return next(chain_draws(job, here, settings))
 
 
 @pytest.mark.slow
@@ -88,7 +89,7 @@ def test_what_goes_on_is_the_longer_run(people, monkeypatch, tmp_path: Path):
     first = drawn(people, sites, monkeypatch, sampler=short, settings=SHORT)
     first.end.write(tmp_path / "chain.npz")
     end = ChainEnd.read(tmp_path / "chain.npz")
-    second = next(chain_draws(prepared(K, PEOPLE), end, rest, 1, settings=SHORT))
+    second = next(chain_draws(ChainJob(prepared(K, PEOPLE), rest, 1), end, SHORT))
     count = second.shape[1]
     assert count == 20 * (7 - int(SHORT.dropped * 7))
     of_whole = jax.tree.map(lambda values: values[:, -count:], whole.population)
@@ -117,7 +118,7 @@ def test_more_draws_are_those_of_the_longer_run(people, monkeypatch):
     monkeypatch.setattr(chain.Target, "from_prepared", lambda _: people)
     here = GaussianFactor(*map(np.asarray, sites))
     asked = Sampler(chains=2, effective=50, transitions=2000)
-    all_asked = list(chain_draws(prepared(K, PEOPLE), here, asked, 1, settings=SHORT))
+    all_asked = list(chain_draws(ChainJob(prepared(K, PEOPLE), asked, 1), here, SHORT))
     *passed, last = (draws.segments for draws in all_asked)
     assert len(passed) > 1
     assert passed == sorted(passed)

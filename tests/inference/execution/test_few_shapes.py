@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from bayestissue.base.padding import padded_impacts
 from bayestissue.inference.chain import draws
 from bayestissue.inference.chain.chain_settings import ChainSettings
-from bayestissue.inference.chain.draws import chain_draws
+from bayestissue.inference.chain.draws import ChainJob, chain_draws
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.expansions import expanded, first_guess
@@ -163,7 +163,7 @@ def test_another_dataset_of_about_that_size_compiles_nothing(
     def fitted(dataset: Dataset) -> None:
         prepared = prepare(dataset, specification, source="model")
         sites = explanations(prepared, expanded(prepared))
-        chains = next(chain_draws(prepared, sites, specification.sampler, 1, settings=SHORT))
+        chains = next(chain_draws(ChainJob(prepared, specification.sampler, 1), sites, SHORT))
         found = draws_of_chain(prepared, chains, 0)
         impacts, people = len(prepared.impacts), len(prepared.design.subjects)
         assert {each.shape[2] for each in found.impacts.values()} == {impacts}

@@ -14,11 +14,11 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.base.padding import padded_impacts
-from bayestissue.base.result import Say
+from bayestissue.base.result import Say, silent
 from bayestissue.inference.chain.chain_settings import FIRST, TOGETHER, ChainSettings
-from bayestissue.inference.chain.moves import State, Steps, Tuning, Visited, transition
+from bayestissue.inference.chain.moves import Kernel, State, Steps, Tuning, Visited, transition
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd, constrained
-from bayestissue.inference.chain.run import Chains, Segment, sampled, warmed_up
+from bayestissue.inference.chain.run import Chains, Segment, sampled, warm_up
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY
@@ -29,16 +29,9 @@ from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.model.hierarchy.trace_data import Prepared
 
 
-@partial(jax.jit, static_argnames="settings", compiler_options=FULLY)
-def _advanced(
-    target: Target,
-    settings: ChainSettings,
-    tuning: Tuning,
-    carried: tuple[State, Steps],
-    key: Array,
-    gain: Float[Array, ""],
-) -> Segment:
-    one = partial(transition, target, settings, tuning, gain)
+@partial(jax.jit, compiler_options=FULLY)
+def _advanced(kernel: Kernel, carried: tuple[State, Steps], key: Array) -> Segment:
+    one, settings = partial(transition, kernel), kernel.settings
 
     def until_kept(carried: tuple[State, Steps], keys: Array) -> Any:
         carried, (visited, rates) = jax.lax.scan(one, carried, keys)
@@ -50,45 +43,56 @@ def _advanced(
     return Segment(carried, visited._replace(u=u, traces=traces), rates)
 
 
+class ChainJob(NamedTuple):
+    """What chains are to be run.
+
+    Attributes:
+        prepared: model and data.
+        sampler: how many chains, and how many effective draws.
+        seed: of all of it.
+        progress: told the stage, how much of it is done, and its total.
+        checkpoints: an existing folder to which finished segments are written, and in which those of an
+            earlier run of the same job are looked for.
+    """
+
+    prepared: Prepared
+    sampler: Sampler
+    seed: int
+    progress: Say = silent
+    checkpoints: Path | None = None
+
+    def chains(self, target: Target, settings: ChainSettings, tuning: Tuning, carried: list[Any]) -> Chains:
+        """Its chains, which carry what is given on."""
+        keys, folder = jax.random.split(jax.random.PRNGKey(self.seed), self.sampler.chains), self.checkpoints
+        return Chains(_advanced, target, settings, keys, tuning, carried, folder, progress=self.progress)
+
+
 def chain_draws(
-    prepared: Prepared,
-    beginning: GaussianFactor | ChainEnd,
-    sampler: Sampler,
-    seed: int,
-    *,
-    settings: ChainSettings | None = None,
-    progress: Say = lambda *_: None,
-    checkpoints: Path | None = None,
+    job: ChainJob, beginning: GaussianFactor | ChainEnd, settings: ChainSettings | None = None
 ) -> Iterator[ChainDraws]:
     """Draws from the posterior of everything, and more of them as long as the caller asks.
 
     Args:
-        prepared: model and data.
+        job: what is to be run.
         beginning: sites of the traces, [site, impact, ...]; the chain is exact whatever they are, and faster
             the nearer they are. Or where an earlier run of this model and these data ended, to go on with it.
-        sampler: how many chains, and how many effective draws.
-        seed: of all of it.
         settings: how long its parts are; those for so many impacts unless given.
-        progress: told the stage, how much of it is done, and its total.
-        checkpoints: an existing folder to which finished segments are written, and in which those of an
-            earlier run of the same job are looked for.
 
     Yields:
         draws that are enough by hyperparameters, effects and parameters of impacts. Where what follows from
         these is still rough, the next come from a longer run; the last have the most transitions.
     """
+    prepared, sampler = job.prepared, job.sampler
     count = len(prepared.impacts)
     chosen = settings or ChainSettings.of_size(count)
     if isinstance(beginning, ChainEnd):
-        warm = _continued(prepared, beginning, sampler, seed, chosen, checkpoints)
+        warm = _continued(job, beginning, chosen)
     else:
-        near = None
-        if settings is None and count > TOGETHER:
-            near = _warm_of_some(prepared, beginning, sampler, seed, progress, checkpoints)
-        warm = _warm(prepared, beginning, sampler, seed, chosen, progress, checkpoints, near)
+        near = _warm_of_some(job, beginning) if settings is None and count > TOGETHER else None
+        warm = _warm(job, beginning, chosen, near)
     looked_at = partial(_looked_at, names=prepared.model.hyperparameters)
     trim = partial(_trimmed, prepared=prepared)
-    for drawn in sampled(warm.chains, warm.tuning, looked_at, progress, sampler=sampler, trim=trim):
+    for drawn in sampled(warm, looked_at, sampler=sampler, trim=trim):
         path: Trimmed = drawn.path
         yield ChainDraws(
             **path._asdict(),
@@ -102,97 +106,54 @@ def chain_draws(
         )
 
 
-class Warm(NamedTuple):
-    """Chains that agree, with what they learned.
-
-    Attributes:
-        chains: at the end of their warm-up.
-        tuning: that stays.
-        impacts: how many there are.
-    """
-
-    chains: Chains
-    tuning: Tuning
-    impacts: int
-
-
 def _warm(
-    prepared: Prepared,
-    sites: GaussianFactor,
-    sampler: Sampler,
-    seed: int,
-    settings: ChainSettings,
-    progress: Say,
-    checkpoints: Path | None,
-    near: Warm | None = None,
-) -> Warm:
-    """The warm-up of `chain_draws`, begun where that of some of the impacts ended, if there was one."""
-    target, count = Target.from_prepared(prepared), len(prepared.impacts)
-    keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
+    job: ChainJob, sites: GaussianFactor, settings: ChainSettings, near: Chains | None = None
+) -> Chains:
+    """Chains that agree, begun where those of some of the impacts ended, if there were any."""
+    target = Target.from_prepared(job.prepared)
     # Filled up with copies of the first, which count nowhere.
     padded = GaussianFactor(*map(jnp.asarray, padded_impacts(sites, 1)))
-    start = begin(target, padded, sampler.chains, np.random.default_rng(seed))
+    carried, begun = begin(target, padded, job.sampler.chains, np.random.default_rng(job.seed))
     if near is not None:
-        previous = [state for state, _ in near.chains.carried]
-        states = [
-            state._replace(y=last.y, b=last.b) for state, last in zip(start.states, previous, strict=True)
-        ]
-        narrower, population = np.sqrt(near.impacts / count), near.tuning.population
+        ends = zip(carried, near.carried, strict=True)
+        carried = [(state._replace(y=last.y, b=last.b), steps) for (state, steps), (last, _) in ends]
+        population = near.tuning.population
+        narrower = np.sqrt(int(near.target.present.sum()) / len(job.prepared.impacts))
         population = population._replace(root=narrower * np.asarray(population.root))
-        tuning = start.tuning._replace(population=population)
-        start = start._replace(states=states, tuning=tuning)
-    carried = jax.device_get(list(zip(start.states, start.steps, strict=True)))
-    run = Chains(_advanced, (target, settings), settings, keys, carried, checkpoints)
-
-    def next_tuning(tuning: Tuning, visited: Visited, first: bool) -> Tuning:
-        return retuned(target, tuning, start.tuning, visited, refit=not first)
-
-    return Warm(run, warmed_up(run, start.tuning, next_tuning, progress), count)
+        begun = begun._replace(population=population)
+    chains = job.chains(target, settings, begun, jax.device_get(carried))
+    warm_up(chains, lambda now, seen, first: retuned(target, now, begun, seen, refit=not first))
+    return chains
 
 
-def _warm_of_some(
-    prepared: Prepared,
-    sites: GaussianFactor,
-    sampler: Sampler,
-    seed: int,
-    progress: Say,
-    checkpoints: Path | None,
-) -> Warm:
-    """The warm-up of `FIRST` impacts alone, from which that of very many begins."""
-    rows = evenly_spaced(len(prepared.impacts), FIRST)
+def _warm_of_some(job: ChainJob, sites: GaussianFactor) -> Chains:
+    """Those of `FIRST` impacts alone, from which the warm-up of very many begins."""
+    rows = evenly_spaced(len(job.prepared.impacts), FIRST)
     part = GaussianFactor(*(np.asarray(leaf)[:, rows] for leaf in sites))
-    folder = checkpoints and checkpoints / "part"
+    folder = job.checkpoints and job.checkpoints / "part"
     if folder:
         folder.mkdir(exist_ok=True)
-    return _warm(some_of(prepared, rows), part, sampler, seed, ChainSettings(), progress, folder)
+    some = job._replace(prepared=some_of(job.prepared, rows), checkpoints=folder)
+    return _warm(some, part, ChainSettings())
 
 
-def _continued(
-    prepared: Prepared,
-    end: ChainEnd,
-    sampler: Sampler,
-    seed: int,
-    settings: ChainSettings,
-    checkpoints: Path | None,
-) -> Warm:
+def _continued(job: ChainJob, end: ChainEnd, settings: ChainSettings) -> Chains:
     """The chains of an earlier run where they ended, with what they had learned."""
-    target, chains = Target.from_prepared(prepared), range(sampler.chains)
-    keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
     carried = [
         jax.tree.map(lambda leaf, chain=chain: np.asarray(leaf[chain]), (end.state, end.steps))
-        for chain in chains
+        for chain in range(job.sampler.chains)
     ]
-    number = int(end.segments)
-    run = Chains(_advanced, (target, settings), settings, keys, carried, checkpoints, number)
     tuning = jax.tree.map(jnp.asarray, end.tuning)
-    return Warm(run, tuning, len(prepared.impacts))
+    chains = job.chains(Target.from_prepared(job.prepared), settings, tuning, carried)
+    chains.number = int(end.segments)
+    return chains
 
 
-def _end(warm: Warm, *, continued: bool) -> ChainEnd:
+def _end(chains: Chains, *, continued: bool) -> ChainEnd:
     """Where chains are."""
-    state, steps = jax.tree.map(lambda *of_chains: np.stack(of_chains), *warm.chains.carried)
-    tuning = jax.tree.map(np.asarray, warm.tuning)
-    return ChainEnd(state, steps, tuning, np.asarray(warm.chains.number), np.asarray(continued))
+    state, steps = jax.tree.map(lambda *of_chains: np.stack(of_chains), *chains.carried)
+    tuning = jax.tree.map(np.asarray, chains.tuning)
+    return ChainEnd(state, steps, tuning, np.asarray(chains.number), np.asarray(continued))
 
 
 class Trimmed(NamedTuple):

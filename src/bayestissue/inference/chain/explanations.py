@@ -7,8 +7,9 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bayestissue.base.result import silent
 from bayestissue.inference.chain.chain_settings import TOGETHER
-from bayestissue.inference.execution.chunks import Progress, silent
+from bayestissue.inference.execution.chunks import Progress
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.expansions import first_guess, laplace_of_all, rows_of
 from bayestissue.inference.factors.sites import weak_prior

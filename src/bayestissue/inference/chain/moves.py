@@ -38,6 +38,7 @@ one of them, drawn by its share in q at u, makes the proposal.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Self
 
@@ -143,6 +144,24 @@ class Tuning(NamedTuple):
     population: StudentT
     impact_root: Float[Any, "impact parameter parameter"]
     level_root: Float[Any, "level inner inner"]
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["target", "tuning", "gain"], meta_fields=["settings"])
+@dataclass(frozen=True)
+class Kernel:
+    """The transition kernel of a chain.
+
+    Attributes:
+        target: the posterior that it leaves as it is.
+        settings: of the run.
+        tuning: what the warm-up found.
+        gain: by how much the log of a step follows its acceptance; 0 when draws count.
+    """
+
+    target: Any
+    settings: ChainSettings
+    tuning: Any
+    gain: float | Float[Array, ""] = 0.0
 
 
 class Acceptances(NamedTuple):
@@ -266,8 +285,9 @@ def _one_each(sites: GaussianFactor, log_weight: Any, uniform: Float[Array, " im
     return jax.tree.map(lambda leaf: leaf[chosen, jnp.arange(leaf.shape[1])], sites)
 
 
-def by_site(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
+def by_site(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
     """Every impact's parameters from its site and the population."""
+    target, tuning = kernel.target, kernel.tuning
     mean = target.prior_mean(state.b)
 
     def log_evidence() -> Array:
@@ -283,10 +303,11 @@ def by_site(target: Target, tuning: Tuning, steps: Steps, state: State, numbers:
     return Proposal.of_impacts(target, state._replace(u=u), log_ratio)
 
 
-def by_walk(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
+def by_walk(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
     """Every impact's parameters a step further, by its own covariance."""
+    target = kernel.target
     mean, D = target.prior_mean(state.b), target.covariances(state.y).of_impact()
-    step = steps.impact * jnp.einsum("iab,bi->ai", tuning.impact_root, numbers.impacts)
+    step = steps.impact * jnp.einsum("iab,bi->ai", kernel.tuning.impact_root, numbers.impacts)
     u = target.per_inertia(target.per_inertia(state.u) + step, -1.0)
 
     def log_prior(u: Array) -> Array:
@@ -295,10 +316,9 @@ def by_walk(target: Target, tuning: Tuning, steps: Steps, state: State, numbers:
     return Proposal.of_impacts(target, state._replace(u=u), log_prior(u) - log_prior(state.u))
 
 
-def by_population(
-    target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers
-) -> Proposal:
+def by_population(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
     """Hyperparameters and effects by the sites' own posterior, every impact's parameters along with them."""
+    target, tuning = kernel.target, kernel.tuning
     sites = _one_each(tuning.sites, lambda: tuning.sites.log_density(state.u.T), numbers.label)
     here, mean = target.impact_given(state.y, sites), target.prior_mean(state.b)
     pulled = small.turned_times(here.root, list(state.u - here.factor.centre))
@@ -316,12 +336,13 @@ def by_population(
     return Proposal(state, log_ratio, whole, effects, jnp.zeros(target.parts), inner)
 
 
-def by_level(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
+def by_level(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
     """The effects of every level, every impact's parameters along with its level's."""
+    target = kernel.target
     elements = target.level_effects
     there = elements < len(state.b)
     standard = jnp.append(numbers.walk.effects, 0.0)[elements]
-    move = jnp.where(there, steps.level * jnp.einsum("lab,bl->al", tuning.level_root, standard), 0.0)
+    move = jnp.where(there, steps.level * jnp.einsum("lab,bl->al", kernel.tuning.level_root, standard), 0.0)
     b = jnp.append(state.b, 0.0).at[elements].add(move)[:-1]
     precision = target.covariances(state.y).precision_among(elements)
 
@@ -343,14 +364,13 @@ def by_level(target: Target, tuning: Tuning, steps: Steps, state: State, numbers
     )
 
 
-def by_added_mass(
-    target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers
-) -> Proposal:
+def by_added_mass(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
     """What moves along with all impacts by one factor, its spread by another; K and C along; b given them.
 
     log m goes to mean + d + e^s (log m - mean), and its standard deviation between impacts to e^s times as
     much: volumes grow by e^s for each impact but one, and by what that is of the deviation's coordinate.
     """
+    target = kernel.target
     which = target.added_mass
     assert which is not None  # noqa: S101 - made of such elements alone
     least, most = _ADDED_MASS_STEPS
@@ -381,13 +401,13 @@ def by_added_mass(
     return Proposal(state, unchanged, whole, effects, of_part, jnp.zeros(()))
 
 
-def by_impact(target: Target, tuning: Tuning, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
+def by_impact(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
     """Every impact's parameters in one of the two ways."""
-    site, walk = (move(target, tuning, steps, state, numbers) for move in (by_site, by_walk))
+    site, walk = (move(kernel, steps, state, numbers) for move in (by_site, by_walk))
     walks = numbers.way < steps.walks
     u = jnp.where(walks, walk.state.u, site.state.u)
     log_ratio = jnp.where(walks, walk.log_ratio, site.log_ratio)
-    return Proposal.of_impacts(target, state._replace(u=u), log_ratio)
+    return Proposal.of_impacts(kernel.target, state._replace(u=u), log_ratio)
 
 
 MOVES = (by_impact, by_population, by_level)
@@ -397,12 +417,11 @@ _BY_IMPACT, _BY_POPULATION, _BY_LEVEL, _BY_ADDED_MASS = range(4)
 _ADDED_MASS_SHARE, _ADDED_MASS_STEPS = 1 / 2, (0.03, 3.0)
 
 
-def centred(
-    target: Target, tuning: Tuning, steps: Steps, state: State, numbers: WalkNumbers
-) -> tuple[State, Array]:
+def centred(kernel: Kernel, steps: Steps, state: State, numbers: WalkNumbers) -> tuple[State, Array]:
     """Hyperparameters and effects with every impact's parameters fixed."""
+    target = kernel.target
     density = partial(target.given_impacts, sums=target.cell_sums(state.u))
-    y, (_, effects), rate = walk(density, state.y, tuning.population, steps.centred, numbers)
+    y, (_, effects), rate = walk(density, state.y, kernel.tuning.population, steps.centred, numbers)
     return state._replace(y=y, b=target.effects_at(effects, numbers.effects)), rate
 
 
@@ -476,80 +495,81 @@ def _share(accepted: Float[Array, " part"], among: Bool[Array, " part"]) -> Floa
     return jnp.where(among, accepted[: len(among)], 0.0).sum() / among.sum()
 
 
-def _acceptances(
-    target: Target, kind: Array, walks: Bool[Array, " impact"], accepted: Float[Array, " part"], inner: Array
-) -> Acceptances:
-    """Of one move, no number for what was not tried."""
-    tried = Acceptances(
-        _share(accepted, target.present & ~walks),
-        _share(accepted, target.present & walks),
-        accepted[0],
-        inner,
-        _share(accepted, target.level_present),
-        jnp.asarray(jnp.nan),
-    )
-    kinds = (_BY_IMPACT, _BY_IMPACT, _BY_POPULATION, _BY_POPULATION, _BY_LEVEL, -1)
-    return Acceptances(
-        *(jnp.where(kind == one, rate, jnp.nan) for one, rate in zip(kinds, tried, strict=True))
-    )
-
-
-def followed(step: Array, gain: Array, excess: Array, bounds: tuple[float, float]) -> Array:
+def followed(step: Array, gain: Any, excess: Array, bounds: tuple[float, float]) -> Array:
     """A step that grows by the ``excess`` of its acceptance over what is wanted, within its bounds."""
     return jnp.clip(step * jnp.exp(gain * excess), *bounds)
 
 
-def _steps_after(
-    settings: ChainSettings,
-    steps: Steps,
-    gain: Array,
-    kind: Array,
-    walks: Bool[Array, " impact"],
-    accepted: Float[Array, " part"],
-    inner: Array,
-) -> Steps:
-    """Steps after one move: longer where more is accepted than is wanted."""
-    population, alone = settings.population_acceptance, settings.impact_acceptance
+class MoveOutcome(NamedTuple):
+    """What one move led to.
 
-    def longer(step: Array, among: Any, rate: Array, wanted: float, bounds: tuple[float, float]) -> Array:
-        return jnp.where(among, followed(step, gain, rate - wanted, bounds), step)
+    Attributes:
+        kind: which of `MOVES` it was.
+        walks: which impacts went by a walk.
+        accepted: of each part 1 where it was accepted, else 0.
+        inner: acceptance of the surrogate's walk.
+    """
 
-    of_impact, of_level = accepted[: len(walks)], accepted[: len(steps.level)]
-    by_impact, by_level = kind == _BY_IMPACT, kind == _BY_LEVEL
-    oftener = jnp.clip(steps.walks + gain * (1 - of_impact - steps.walks), *settings.walks)
-    return steps._replace(
-        impact=longer(steps.impact, by_impact & walks, of_impact, alone, settings.impact_steps),
-        walks=jnp.where(by_impact & ~walks, oftener, steps.walks),
-        # However far the sites' own walk may go, the whole has to be accepted.
-        population=longer(
-            steps.population,
-            kind == _BY_POPULATION,
-            jnp.minimum(inner, accepted[0]),
-            population,
-            settings.population_steps,
-        ),
-        level=longer(steps.level, by_level, of_level, alone, settings.impact_steps),
-    )
+    kind: Int[Array, ""]
+    walks: Bool[Array, " impact"]
+    accepted: Float[Array, " part"]
+    inner: Float[Array, ""]
+
+    def acceptances(self, target: Target) -> Acceptances:
+        """No number for what was not tried."""
+        tried = Acceptances(
+            _share(self.accepted, target.present & ~self.walks),
+            _share(self.accepted, target.present & self.walks),
+            self.accepted[0],
+            self.inner,
+            _share(self.accepted, target.level_present),
+            jnp.asarray(jnp.nan),
+        )
+        kinds = (_BY_IMPACT, _BY_IMPACT, _BY_POPULATION, _BY_POPULATION, _BY_LEVEL, -1)
+        return Acceptances(
+            *(jnp.where(self.kind == one, rate, jnp.nan) for one, rate in zip(kinds, tried, strict=True))
+        )
+
+    def steps_after(self, kernel: Kernel, steps: Steps) -> Steps:
+        """Longer ones where more is accepted than is wanted."""
+        settings, gain = kernel.settings, kernel.gain
+        population, alone = settings.population_acceptance, settings.impact_acceptance
+
+        def longer(step: Array, among: Any, rate: Array, wanted: float, bounds: tuple[float, float]) -> Array:
+            return jnp.where(among, followed(step, gain, rate - wanted, bounds), step)
+
+        of_impact, of_level = self.accepted[: len(self.walks)], self.accepted[: len(steps.level)]
+        by_impact, by_level = self.kind == _BY_IMPACT, self.kind == _BY_LEVEL
+        oftener = jnp.clip(steps.walks + gain * (1 - of_impact - steps.walks), *settings.walks)
+        return steps._replace(
+            impact=longer(steps.impact, by_impact & self.walks, of_impact, alone, settings.impact_steps),
+            walks=jnp.where(by_impact & ~self.walks, oftener, steps.walks),
+            # However far the sites' own walk may go, the whole has to be accepted.
+            population=longer(
+                steps.population,
+                self.kind == _BY_POPULATION,
+                jnp.minimum(self.inner, self.accepted[0]),
+                population,
+                settings.population_steps,
+            ),
+            level=longer(steps.level, by_level, of_level, alone, settings.impact_steps),
+        )
 
 
 def transition(
-    target: Target,
-    settings: ChainSettings,
-    tuning: Tuning,
-    gain: Float[Array, ""],
-    carried: tuple[State, Steps],
-    key: Array,
+    kernel: Kernel, carried: tuple[State, Steps], key: Array
 ) -> tuple[tuple[State, Steps], tuple[Visited, Acceptances]]:
-    """Every kind of move, then steps that follow acceptances unless ``gain`` is 0.
+    """Every kind of move, then steps that follow acceptances unless the kernel's ``gain`` is 0.
 
     Chance decides between `by_population` and `by_level`.
     """
+    target, settings = kernel.target, kernel.settings
     state, steps = carried
     keys = jax.random.split(key, 2 + max(settings.surrogates))
     numbers = walk_numbers(target, settings.centred, keys[0])
-    state, of_centred = centred(target, tuning, steps, state, numbers)
+    state, of_centred = centred(kernel, steps, state, numbers)
     excess = of_centred - settings.population_acceptance
-    steps = steps._replace(centred=followed(steps.centred, gain, excess, settings.population_steps))
+    steps = steps._replace(centred=followed(steps.centred, kernel.gain, excess, settings.population_steps))
     # Levels move by themselves the oftener, the shorter the steps are that all of the population moves by.
     by_levels = jnp.clip(1 - steps.population, *settings.levels) * (len(target.level_effects) > 0)
 
@@ -566,11 +586,11 @@ def transition(
         # The first step of a walk is taken whatever its number is: that is free to say how far the move goes.
         length = steps.population * settings.shortened(of_move.walk.decision[0])
         ways = MOVES if target.added_mass is None else (*MOVES, by_added_mass)
-        moves = [partial(one, target, tuning, steps._replace(population=length)) for one in ways]
+        moves = [partial(one, kernel, steps._replace(population=length)) for one in ways]
         proposal = jax.lax.switch(kind, moves, state, of_move)
         state, accepted = decided(target, state, proposal, of_move.decision)
-        here = _acceptances(target, kind, walks, accepted, proposal.inner)
-        steps = _steps_after(settings, steps, gain, kind, walks, accepted, proposal.inner)
+        outcome = MoveOutcome(kind, walks, accepted, proposal.inner)
+        here, steps = outcome.acceptances(target), outcome.steps_after(kernel, steps)
         return state, steps, jax.tree.map(lambda new, old: jnp.where(jnp.isnan(new), old, new), here, rates)
 
     long, short = settings.surrogates
@@ -578,5 +598,5 @@ def transition(
     none = jnp.asarray(jnp.nan)
     rates = Acceptances(none, none, none, none, none, of_centred)
     state, steps, rates = jax.lax.fori_loop(0, evaluations, move, (state, steps, rates))
-    log_ratios = target.log_ratios(state.log_likelihood - log_sites(tuning.sites, state.u, first=True))
+    log_ratios = target.log_ratios(state.log_likelihood - log_sites(kernel.tuning.sites, state.u, first=True))
     return (state, steps), (Visited(state.y, state.b, state.log_likelihood.sum(), log_ratios), rates)

@@ -17,10 +17,11 @@ import numpy as np
 from jax import Array
 
 from bayestissue.base import runtime
-from bayestissue.base.result import Say
+from bayestissue.base.result import Say, silent
 from bayestissue.base.results.files import whole_file
 from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.ending import LookVerdict, look
+from bayestissue.inference.chain.moves import Kernel
 from bayestissue.inference.samplers.convergence import Draws, convergence
 from bayestissue.model.hierarchy.specification import Sampler
 
@@ -46,36 +47,40 @@ class Chains:
     """All chains, as far as they have come.
 
     Attributes:
-        advance: compiled, one segment of one chain, of a posterior and settings, and then of its tuning,
-            what it carries, a key, and how strongly steps follow their acceptances.
-        posterior: its first arguments.
+        advance: compiled, one segment of one chain, of its kernel, what it carries and a key.
+        target: their posterior.
         settings: of the run.
         keys: of each chain.
+        tuning: what they have learned.
         carried: what each chain carries.
         checkpoints: where finished segments are kept, if anywhere.
         number: of the next segment.
+        progress: told the stage, how many segments are done, and of how many.
     """
 
     advance: Any
-    posterior: tuple[Any, ...]
+    target: Any
     settings: ChainSettings
     keys: Array
+    tuning: Any
     carried: list[Any]
     checkpoints: Path | None = None
     number: int = 0
+    progress: Say = silent
 
-    def next(self, tuning: Any, gain: float) -> list[Segment]:
+    def next(self, gain: float) -> list[Segment]:
         """The next segment of every chain, each in a thread, as many at once as there are cores."""
+        kernel = Kernel(self.target, self.settings, self.tuning, gain)
         chains = range(len(self.keys))
-        segments = list(runtime.in_threads(lambda chain: self._segment(chain, tuning, gain), chains))
+        segments = list(runtime.in_threads(lambda chain: self._segment(chain, kernel), chains))
         self.carried = [segment.carried for segment in segments]
         self.number += 1
         return segments
 
-    def _segment(self, chain: int, tuning: Any, gain: float) -> Segment:
+    def _segment(self, chain: int, kernel: Kernel) -> Segment:
         path = self.checkpoints and self.checkpoints / f"chain-{chain}-segment-{self.number:04d}.npz"
         key = jax.random.fold_in(self.keys[chain], self.number)
-        arguments = *self.posterior, tuning, self.carried[chain], key, gain
+        arguments = kernel, self.carried[chain], key
         if path is not None and path.is_file():
             restored: Segment = read_arrays(path, self.advance.eval_shape(*arguments))
             return restored
@@ -85,36 +90,33 @@ class Chains:
         return segment
 
 
-def warmed_up(chains: Chains, tuning: Any, retuned: Callable[[Any, Any, bool], Any], progress: Say) -> Any:
-    """Rounds until the chains agree, and one more that adapts steps alone; the tuning at their end.
+def warm_up(chains: Chains, retuned: Callable[[Any, Any, bool], Any]) -> None:
+    """Rounds until the chains agree, and one more that adapts steps alone.
 
     What is looked at and learned from after a round is the second half of all that was visited so far.
 
     Args:
-        chains: at their beginning.
-        tuning: that they begin with.
+        chains: at their beginning, with the tuning that they begin with; left at their end, with its own.
         retuned: the next tuning, of the present one, of what all chains visited, and whether it is that of
             the first round.
-        progress: told the stage, how many segments are done, and of how many.
     """
     settings, visited = chains.settings, list[list[Segment]]()
     least = sum(settings.first_rounds) + settings.round
     for turn, length in enumerate(settings.rounds):
         for _ in range(length):
-            progress("warming up", chains.number, max(least, chains.number + 1) + settings.last_round)
-            visited.append(chains.next(tuning, settings.gain))
+            chains.progress("warming up", chains.number, max(least, chains.number + 1) + settings.last_round)
+            visited.append(chains.next(settings.gain))
         segments = sum(settings.rounds[: turn + 1])
         visited = visited[-(segments - segments // 2) :]
         half = joined(visited)
         of_all = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), half)
-        tuning = retuned(tuning, of_all, turn == 0)
+        chains.tuning = retuned(chains.tuning, of_all, turn == 0)
         r_hat = convergence(np.moveaxis(half.y, -1, 0)).r_hat
         if turn >= len(settings.first_rounds) and np.nanmax(r_hat) < settings.agreement:
             break
     for left in range(settings.last_round, 0, -1):
-        progress("warming up", chains.number, chains.number + left)
-        chains.next(tuning, settings.last_gain)
-    return tuning
+        chains.progress("warming up", chains.number, chains.number + left)
+        chains.next(settings.last_gain)
 
 
 class Sampled(NamedTuple):
@@ -135,9 +137,7 @@ class Sampled(NamedTuple):
 
 def sampled(
     chains: Chains,
-    tuning: Any,
     quantities: Callable[[Any], tuple[Draws, Draws]],
-    progress: Say,
     *,
     sampler: Sampler,
     trim: Callable[[Any], Any] = lambda path: path,
@@ -145,10 +145,8 @@ def sampled(
     """Segments until there are draws enough, and until there are more as long as the caller asks for them.
 
     Args:
-        chains: warmed up.
-        tuning: that stays.
+        chains: warmed up; their tuning stays.
         quantities: of states [chain, draw, ...] what is looked at: see `look`.
-        progress: told the stage, how many segments are done, and of how many before the next look.
         sampler: how many effective draws are wanted, and how many transitions are the most.
         trim: takes off a segment's states what is not to be kept.
 
@@ -160,8 +158,8 @@ def sampled(
     next_look = min(settings.first_look, most)
     stage, paths, rates = "sampling", list[Any](), list[Any]()
     while True:
-        progress(stage, len(paths), next_look)
-        segments = chains.next(tuning, 0.0)
+        chains.progress(stage, len(paths), next_look)
+        segments = chains.next(0.0)
         paths.append(trim(joined([segments])))
         rates.append(jax.tree.map(_mean, *[segment.rates for segment in segments]))
         if len(paths) < next_look:

@@ -8,8 +8,6 @@ site becomes the parabola nearest to the log likelihoods at those points, which 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,25 +28,16 @@ _WALK, _WALKS = 0.7, 0.3
 _SHRUNK, _LEAST, _OF_IMPACT = 0.02, 1e-8, 0.2
 
 
-class WalkStart(NamedTuple):
-    """How a walk of the hyperparameters begins.
+def walk_start(
+    chains: int, number: int, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "chain hyperparameter"], StudentT, Float[np.ndarray, ""]]:
+    """Of so many chains and hyperparameters where these begin, unconstrained and overdispersed.
 
-    Attributes:
-        y: of each chain, unconstrained and overdispersed.
-        near: what its steps stand on.
-        length: of a step.
+    With what the steps of a walk stand on, and their length.
     """
-
-    y: Float[np.ndarray, "chain hyperparameter"]
-    near: StudentT
-    length: Float[np.ndarray, ""]
-
-
-def walk_start(chains: int, number: int, rng: np.random.Generator) -> WalkStart:
-    """Of so many chains and hyperparameters."""
     y = _BEGIN + _APART * rng.standard_normal((chains, number))
     # An array of numpy: one that jax makes of a number has another type, and would be compiled for apart.
-    return WalkStart(y, StudentT(np.full(number, _BEGIN), _ROOT * np.eye(number)), np.asarray(_STEP))
+    return y, StudentT(np.full(number, _BEGIN), _ROOT * np.eye(number)), np.asarray(_STEP)
 
 
 def nearest_t(y: Float[np.ndarray, "draw hyperparameter"]) -> StudentT:
@@ -69,21 +58,9 @@ def _covariance(draws: Float[np.ndarray, "draw *batch one"]) -> Float[np.ndarray
     return np.einsum("d...a,d...b->...ab", deviation, deviation) / len(draws)
 
 
-class ChainStart(NamedTuple):
-    """Where chains begin, and with what.
-
-    Attributes:
-        states: of each chain.
-        steps: of each chain.
-        tuning: of all of them.
-    """
-
-    states: list[State]
-    steps: list[Steps]
-    tuning: Tuning
-
-
-def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Generator) -> ChainStart:
+def begin(
+    target: Target, sites: GaussianFactor, chains: int, rng: np.random.Generator
+) -> tuple[list[tuple[State, Steps]], Tuning]:
     """Chains at the best explanation of each impact, another one in each chain where there are several.
 
     Args:
@@ -107,7 +84,7 @@ def begin(target: Target, sites: GaussianFactor, chains: int, rng: np.random.Gen
     walks = np.full(impacts, _WALK), np.full(impacts, _WALKS)
     steps = Steps(*walks, length, length, np.full(levels, _WALK))  # type: ignore[arg-type]
     of_level = np.broadcast_to(_ROOT * np.eye(inner), (levels, inner, inner))
-    return ChainStart(states, [steps] * chains, Tuning(sites, near, of_impact, of_level))
+    return [(state, steps) for state in states], Tuning(sites, near, of_impact, of_level)
 
 
 def _per_inertia(

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Int
 
 from bayestissue.base import runtime
+from bayestissue.base.result import silent
 from bayestissue.inference.execution.workers import cluster, computed
 from bayestissue.model.hierarchy.trace_models import TraceData
 
@@ -24,10 +25,6 @@ OfBlock = Callable[[TraceData, Rows], Any]
 Item = tuple[OfBlock, TraceData, list[Rows], int]
 # Called with how many of how many parts are done.
 Progress = Callable[[int, int], None]
-
-
-def silent(done: int, total: int) -> None:
-    """A `Progress` that reports nothing."""
 
 
 def map_impacts(

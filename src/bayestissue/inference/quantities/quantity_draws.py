@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import jax
@@ -61,7 +62,7 @@ class Draws:
 
     population: dict[str, np.ndarray]
     impacts: dict[str, np.ndarray]
-    log_likelihood: dict[str, np.ndarray]
+    log_likelihood: Mapping[str, np.ndarray] = MappingProxyType({})
     kept_numbers: np.ndarray | None = None
 
 
@@ -71,7 +72,6 @@ def posterior_draws(
     u: Float[np.ndarray, "chain kept impact parameter"],
     kept_numbers: Int[np.ndarray, " kept"],
     key: Array,
-    log_likelihood: dict[str, np.ndarray],
 ) -> Draws:
     """Everything that draws of the population and of impacts' parameters stand for.
 
@@ -81,7 +81,6 @@ def posterior_draws(
         u: parameters of every impact, of the draws that are kept.
         kept_numbers: of the draws of each chain that are kept of impacts.
         key: of what is drawn besides: the measuring chain's errors, and those of mass.
-        log_likelihood: see `Draws`.
     """
     model, design, shape = prepared.model, prepared.data.design, population.b.shape[:2]
     cell, whole = np.asarray(design.cell), all_kept(len(prepared.impacts))
@@ -107,7 +106,7 @@ def posterior_draws(
         factor = common_factors(prepared, population, log_factor)
     effects = derived.effects_by_name(model.locations, prepared.design, b)
     numbers = None if whole else kept_numbers
-    return Draws(population.hyperparameters | effects | factor, impacts, log_likelihood, numbers)
+    return Draws(population.hyperparameters | effects | factor, impacts, kept_numbers=numbers)
 
 
 def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draws:
@@ -138,7 +137,7 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
     # The measuring chain's errors are as the dataset states them.
     impacts.pop("chain_error")
     effects = derived.effects_by_name(model.locations, prepared.design, drawn["locations"])
-    return Draws({name: drawn[name] for name in model.hyperparameters} | effects | factor, impacts, {})
+    return Draws({name: drawn[name] for name in model.hyperparameters} | effects | factor, impacts)
 
 
 def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> dict[str, np.ndarray]:

@@ -15,10 +15,10 @@ import pandas as pd
 from bayestissue.base import runtime
 from bayestissue.base.errors import InputError
 from bayestissue.base.outline import Rows, short
-from bayestissue.base.result import Result, Say
+from bayestissue.base.result import Result, Say, silent
 from bayestissue.base.results.files import whole_file
 from bayestissue.base.results.tables import table_of_rows
-from bayestissue.inference.chain.draws import chain_draws
+from bayestissue.inference.chain.draws import ChainJob, chain_draws
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.fit import sample
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
@@ -98,7 +98,7 @@ def certify(
     refits: int = REFITS,
     seed: int = 0,
     dataset: Dataset | str | Path | None = None,
-    say: Say = lambda *_: None,
+    say: Say = silent,
 ) -> Certificate:
     """Certify a finished fit: draw its study anew from its own posterior so often, and fit it each time.
 
@@ -218,10 +218,10 @@ def _refitted(
         return [json.loads(path.read_text(encoding="utf-8")) for path in paths if path is not None]
     say("drawing from the posterior", 0, 1)
     sampler = study.fit.specification.sampler.model_copy(update={"effective": max(50, 2 * refits)})
-    folder = None if parts is None else parts / "posterior"
-    if folder is not None:
+    folder = parts and parts / "posterior"
+    if folder:
         folder.mkdir(exist_ok=True)
-    chains = next(chain_draws(study.prepared, study.end, sampler, seed, checkpoints=folder))
+    chains = next(chain_draws(ChainJob(study.prepared, sampler, seed, checkpoints=folder), study.end))
     done = []
     for number, (truth, path) in enumerate(zip(truths(chains, refits), paths, strict=True)):
         say("fitting the study drawn anew", number, refits)

@@ -13,7 +13,7 @@ import pandas as pd
 from bayestissue.base import runtime
 from bayestissue.base.errors import path_argument
 from bayestissue.base.outline import Rows, short
-from bayestissue.base.result import Result, Say
+from bayestissue.base.result import Result, Say, silent
 from bayestissue.base.results.files import write_json
 from bayestissue.base.results.tables import table_of_rows, typed
 from bayestissue.inference.answers.fixed import confounded
@@ -23,7 +23,7 @@ from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, grouping_of
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.reports.pages.plan_page import page_of
-from bayestissue.studies.fitting import Questions, formulas_of, named_questions, silent
+from bayestissue.studies.fitting import Questions, formulas_of, named_questions
 from bayestissue.studies.planning.assurance import Assessment, Goal
 from bayestissue.studies.planning.ledger import Case, Ledger, sha256_of
 from bayestissue.studies.planning.plan_file import MOST_PEOPLE, PlanSpecification, plan_of, read_plan

@@ -17,12 +17,12 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.base.result import Say
+from bayestissue.base.result import Say, silent
 from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.ending import LookVerdict
-from bayestissue.inference.chain.moves import FREEDOM, StudentT, WalkNumbers, followed, walk
+from bayestissue.inference.chain.moves import FREEDOM, Kernel, StudentT, WalkNumbers, followed, walk
 from bayestissue.inference.chain.results import constrained
-from bayestissue.inference.chain.run import Chains, Segment, sampled, warmed_up
+from bayestissue.inference.chain.run import Chains, Segment, sampled, warm_up
 from bayestissue.inference.chain.warm_up import nearest_t, walk_start
 from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.inference.execution.kept import evenly_spaced
@@ -87,7 +87,7 @@ def sample_posterior(
     data: EstimatesData,
     sampler: Sampler,
     seed: int,
-    progress: Say = lambda *_: None,
+    progress: Say = silent,
     *,
     near: EstimatesPosterior | None = None,
 ) -> EstimatesPosterior:
@@ -104,25 +104,25 @@ def sample_posterior(
     number, rng = len(model.hyperparameters), np.random.default_rng(seed)
     settings = SETTINGS if near is None else NEARBY
     nothing = np.zeros_like(data.scatter)
-    start = walk_start(sampler.chains, number, rng)
-    begin, tuning = start.y, TableTuning(start.near, nothing)
+    begin, near_start, length = walk_start(sampler.chains, number, rng)
+    tuning = TableTuning(near_start, nothing)
     if near is not None:
         drawn_near = flat(near.y)
         begin = rng.choice(drawn_near, sampler.chains, replace=False)
         tuning = TableTuning(nearest_t(drawn_near), near.data.scatter)
     states = [TableState(y, np.asarray(data.location_mean), nothing) for y in begin]
     keys = jax.random.split(jax.random.PRNGKey(seed), sampler.chains)
-    carried = [(state, start.length) for state in states]
-    chains = Chains(_advanced, (model, data, settings), settings, keys, carried)
+    carried = [(state, length) for state in states]
+    chains = Chains(_advanced, (model, data), settings, keys, tuning, carried, progress=progress)
 
     def retuned(_: TableTuning, visited: TableState, first: bool) -> TableTuning:
         return TableTuning(nearest_t(visited.y), visited.scatter.mean(0))
 
-    tuning = warmed_up(chains, tuning, retuned, progress)
-    drawn = next(sampled(chains, tuning, _quantities, progress, sampler=sampler))
+    warm_up(chains, retuned)
+    drawn = next(sampled(chains, _quantities, sampler=sampler))
     chosen = evenly_spaced(drawn.path.y.shape[1], sampler.draws)
     y, b = drawn.path.y[:, chosen], drawn.path.b[:, chosen]
-    data = data._replace(scatter=tuning.scatter)
+    data = data._replace(scatter=chains.tuning.scatter)
     return EstimatesPosterior(
         y,
         constrained(model, y),
@@ -134,16 +134,9 @@ def sample_posterior(
     )
 
 
-@partial(jax.jit, static_argnames="settings", compiler_options=FULLY)
-def _advanced(
-    model: EstimatesModel,
-    data: EstimatesData,
-    settings: ChainSettings,
-    tuning: TableTuning,
-    carried: tuple[TableState, Array],
-    key: Array,
-    gain: Float[Array, ""],
-) -> Segment:
+@partial(jax.jit, compiler_options=FULLY)
+def _advanced(kernel: Kernel, carried: tuple[TableState, Array], key: Array) -> Segment:
+    (model, data), settings, tuning = kernel.target, kernel.settings, kernel.tuning
     data = data._replace(scatter=tuning.scatter)
 
     def transition(carried: tuple[TableState, Array], key: Array) -> Any:
@@ -165,7 +158,9 @@ def _advanced(
             jnp.where(accepted, b, state.b),
             jnp.where(accepted, there.scatter, here.scatter),
         )
-        length = followed(length, gain, inner - settings.population_acceptance, settings.population_steps)
+        length = followed(
+            length, kernel.gain, inner - settings.population_acceptance, settings.population_steps
+        )
         return (state, length), (state, jnp.where(accepted, 1.0, 0.0))
 
     of_segment = jax.lax.scan(transition, carried, jax.random.split(key, settings.segment))
