@@ -117,9 +117,6 @@ def _question(column: Mapping[str, Any]) -> str:
     question = ": what differs there counts as scatter between impacts."
     if formula:
         difference = f"change with {name}" if column["number"] else f"differ by {name}"
-        question = f": does K {difference}? --K {_shell(formula)}"
+        argument = shlex.quote(formula) if set(formula) & set('`"$\\') else f'"{formula}"'
+        question = f": does K {difference}? --K {argument}"
     return Coded.stated("columns-not-used.one", column=name, varies=column["varies"], question=question)
-
-
-def _shell(formula: str) -> str:
-    return shlex.quote(formula) if set(formula) & set('`"$\\') else f'"{formula}"'

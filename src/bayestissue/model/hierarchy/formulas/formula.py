@@ -20,12 +20,13 @@ from bayestissue.model.hierarchy.formulas.identifiability import (
     aliased,
     lacking,
     missing,
+    no_columns,
     told_by_mass,
     unidentified,
     unsuited_columns,
     written_twice,
 )
-from bayestissue.recordings.dataset.cells import in_whatever_case, no_column
+from bayestissue.recordings.dataset.cells import in_whatever_case
 
 GROUPS = (SUBJECT.grouping, TRIAL.grouping)
 DEFAULT_FORMULA = f"{MASS_TERM} + {SUBJECT} + {TRIAL}"
@@ -34,9 +35,7 @@ _INTERCEPT = "Intercept"
 _TIED = {"mass": {"mass_kg"}, "energy": {"energy_J"}, "velocity": {"velocity_m_s"}}
 # Only these functions are within a formula's reach.
 FUNCTIONS = {"log": np.log, "sqrt": np.sqrt}
-_EVALUATED = "terms that can be evaluated: columns, +, :, {arithmetic}, C(), log() and sqrt()"
 _QUOTED = re.compile(r"`[^`]*`|\"[^\"]*\"|'[^']*'")
-_EVALUATES_TO_NOTHING = "it can't be evaluated: check its numbers, and whether all its columns hold numbers"
 # Names, or what is in quotation marks, which is no name; no function.
 _NAMED = re.compile(rf"{_QUOTED.pattern}|(?<![\w.])[^\W\d][\w.]*\b(?!\s*\()")
 _CALLED = re.compile(r"([^\W\d][\w.]*)\s*\(")
@@ -191,9 +190,7 @@ def _read(formula: str) -> tuple[Terms, list[Fault]]:
     description = described(formula)
     common, faults = {}, []
     if not any(term.name == _INTERCEPT for term in description.common_terms):
-        faults.append(
-            Fault("", "an intercept, since K at the reference mass is reported", "a 0 or -1 takes it out")
-        )
+        faults.append(Fault.stated("no-intercept", ""))
     for term in description.common_terms:
         if term.name == _INTERCEPT:
             continue
@@ -230,21 +227,18 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
     faults = []
     for group in terms.groups:
         if strange := sorted(terms.slopes.get(group.slope, frozenset()) - set(usable)):
-            expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(str(group), expected, no_column(strange, usable), mendable=True))
+            faults.append(no_columns(group, strange, usable))
     for term, variables in terms.common.items():
         strange = sorted(variables - set(usable))
         labels = sorted(variables & set(LABELS))
         holes = [name for name in sorted(variables & set(usable)) if missing(rows[name]).any()]
         unknown = sorted({*_CALLED.findall(_QUOTED.sub("", term))} - {*FUNCTIONS, "C", "I"})
         if unknown:
-            faults.append(Fault(term, _EVALUATED, f"there is no {unknown[0]}()", mendable=True))
+            faults.append(Fault.stated("no-function", term, mendable=True, name=unknown[0]))
         elif strange:
-            expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(term, expected, no_column(strange, usable), mendable=True))
+            faults.append(no_columns(term, strange, usable))
         elif labels:
-            wanted = f"{labels[0]} as a group effect, written (1|{labels[0]})"
-            faults.append(Fault(term, wanted, f"{labels[0]} is a name and no covariate", mendable=True))
+            faults.append(Fault.stated("label", term, mendable=True, name=labels[0]))
         elif holes:
             faults.append(lacking(term, holes[0], rows))
     return faults
@@ -259,18 +253,15 @@ def _covariates_of_groups(
         if not term.slope:
             values[term] = np.ones(len(rows))
             continue
-        expected = (
-            "one number of every impact left of the bar; a category goes to its right: (1|group:category)"
-        )
         try:
             of_slope = Covariates([term.slope], rows, reference_mass_kg)
         except Exception:  # as in `resolve`
-            faults.append(Fault(str(term), expected, _EVALUATES_TO_NOTHING, mendable=True))
+            faults.append(Fault.stated("no-slope", term, mendable=True))
             continue
         if of_slope.names not in ([term.slope.replace("`", "")], [term.slope]):
-            faults.append(Fault(str(term), expected, f"{term.slope} is a category", mendable=True))
+            faults.append(Fault.stated("slope-of-category", term, mendable=True, slope=term.slope))
         elif not _is_finite(of_slope.columns):
-            faults.append(Fault(str(term), expected, f"{term.slope} is not finite for every impact"))
+            faults.append(Fault.stated("infinite-slope", term, slope=term.slope))
         else:
             values[term] = of_slope.columns[:, 0]
     return values, faults
@@ -299,8 +290,7 @@ def _tied(terms: Terms) -> list[Fault]:
     for term, variables in terms.common.items():
         physical |= {name for name, columns in _TIED.items() if variables & columns}
         if len(physical) == len(_TIED):
-            expected = "at most two of mass, energy and velocity, which are tied by E = ½MV²"
-            return [Fault(term, expected, "the other two determine it")]
+            return [Fault.stated("tied", term)]
     return []
 
 
@@ -312,22 +302,21 @@ def _evaluated(
         covariates = Covariates(terms.common, rows, reference_mass_kg)
     except Exception:  # as in `resolve`; each term by itself tells which it is of
         return None, _unusable(terms, rows, reference_mass_kg)
-    faults = []
-    for term in dict.fromkeys(covariates.terms):
-        if not _is_finite(covariates.columns[:, [owner == term for owner in covariates.terms]]):
-            faults.append(Fault(term, "finite covariates", "it is not finite for every impact; transform it"))
-    return covariates, faults
+    columns, owners = covariates.columns, np.array(covariates.terms)
+    terms_of_columns = dict.fromkeys(covariates.terms)
+    infinite = [term for term in terms_of_columns if not _is_finite(columns[:, owners == term])]
+    return covariates, [Fault.stated("infinite", term) for term in infinite]
 
 
 def _unusable(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> list[Fault]:
-    expected, faults = _EVALUATED, []
+    faults = []
     for term in terms.common:
         try:
             Covariates([term], rows, reference_mass_kg)
         except Exception:  # as above
-            faults.append(Fault(term, expected, _EVALUATES_TO_NOTHING, mendable=True))
+            faults.append(Fault.stated("unusable", term, mendable=True))
     # Terms that fail together only: none can be blamed alone.
-    return faults or [Fault(term, expected, "these terms can't stand together") for term in terms.common]
+    return faults or [Fault.stated("together", term) for term in terms.common]
 
 
 def reference_row(
@@ -459,13 +448,11 @@ def _dependent(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list
     for count in range(2, len(owners) + 1):
         part = centred[:, :count] / spread[:count]
         if np.linalg.svd(part, compute_uv=False)[-1] < PRECISION:
-            expected = "covariates that are no combination of each other"
-            return [Fault(owners[count - 1], expected, "the terms before it already determine it")]
+            return [Fault.stated("dependent", owners[count - 1])]
     return []
 
 
 def _flat(term: str, rows: pd.DataFrame) -> Fault:
     if term != MASS_TERM:
-        return Fault(term, "covariates that vary", "it has one value only")
-    mass = float(rows["mass_kg"].mean())
-    return Fault(term, "a mass that varies over the impacts", f"the mass is {mass:.4g} kg in every impact")
+        return Fault.stated("flat", term)
+    return Fault.stated("one-mass", term, mass=float(rows["mass_kg"].mean()))

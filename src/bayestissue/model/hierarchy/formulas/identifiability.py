@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from bayestissue.base.declarations import sentences
 from bayestissue.model.hierarchy.formulas.group_terms import (
     MASS_TERM,
     TRIAL,
@@ -37,6 +38,7 @@ _PLURALS = {"person": "people", "condition": "conditions"}
 # Of two levels the squared correlation with the log of mass from which one can't be told from the other: at
 # masses of 1 and 2, weights that scatter by less than 1 % within a level.
 _SAME_AS_MASS = 0.999
+_SAID = sentences(__package__)
 
 
 @dataclass(frozen=True)
@@ -56,18 +58,30 @@ class Fault:
     reason: str
     mendable: bool = False
 
+    @classmethod
+    def stated(cls, key: str, term: object, /, *, mendable: bool = False, **words: object) -> Self:
+        """A term that these rows can't tell for the reason of this key of ``sentences.toml``."""
+        expected, reason = (_SAID(f"{key}.{part}", **words) for part in ("expected", "reason"))
+        return cls(str(term), expected, reason, mendable)
+
 
 def missing(column: pd.Series) -> pd.Series:
     """Where a column has no value: not a number, or a category that is an empty cell."""
     return column.isna() | column.map(lambda value: isinstance(value, str) and not value.strip()).astype(bool)
 
 
+def no_columns(term: object, strange: Sequence[str], usable: Sequence[str]) -> Fault:
+    """A term of columns that there are not."""
+    words = {"usable": ", ".join(usable), "strange": no_column(strange, usable)}
+    return Fault.stated("no-column", term, mendable=True, **words)
+
+
 def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
     """A term of a column that is missing in some impacts."""
     without = rows.loc[missing(rows[column]), "impact" if "impact" in rows else column]
     where = f", such as impact {without.iloc[0]}" if "impact" in rows else ""
-    reason = f"{column} is missing in {len(without)} of {len(rows)} impacts{where}"
-    return Fault(term, f"{column} of every impact", reason, mendable=True)
+    numbers = {"without": len(without), "of": len(rows), "where": where}
+    return Fault.stated("missing", term, mendable=True, column=column, **numbers)
 
 
 def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
@@ -76,9 +90,7 @@ def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
     faults = []
     for terms in groups:
         by_key = {(term.slope, frozenset(term.factors)): term for term in terms}
-        for key in by_key.keys() & keys:
-            reason = f"{by_key[key]} is asked for twice; (x|group) is (1|group) and (0 + x|group) together"
-            faults.append(Fault("", "each group effect once", reason))
+        faults += [Fault.stated("twice", "", term=by_key[key]) for key in by_key.keys() & keys]
         keys |= by_key.keys()
     return faults
 
@@ -92,23 +104,17 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
         holes = [name for name in term.factors if name not in strange and missing(rows[name]).any()]
         if strange:
             usable = [name for name in rows.columns if name not in RESERVED_DIMENSIONS]
-            expected = f"columns of the data: {', '.join(usable)}"
-            faults.append(Fault(str(term), expected, no_column(strange, usable), mendable=True))
+            faults.append(no_columns(term, strange, usable))
         elif "impact" in term.factors:
-            reason = "an impact's own scatter is in every model, as sd_impact_K and sd_impact_C"
-            faults.append(Fault(str(term), "levels of several impacts", reason))
+            faults.append(Fault.stated("impact", term))
         elif term.grouping in taken or any("/" in name for name in term.factors):
-            expected = f"a column of another name than {', '.join(taken[1:])}, without /"
-            reason = "results need that name for something else; rename the column"
-            faults.append(Fault(str(term), expected, reason))
+            faults.append(Fault.stated("taken", term, taken=", ".join(taken[1:])))
         elif holes:
             faults.append(lacking(str(term), holes[0], rows))
         elif same := _shared_label(term, rows):
-            expected, reason = "levels without a colon in their names", f"two levels would be called {same}"
-            faults.append(Fault(str(term), expected, reason))
+            faults.append(Fault.stated("same-label", term, same=same))
         elif term.stem in stems:
-            expected, reason = "names that differ", f"{term.stem} would name two terms' effects"
-            faults.append(Fault(str(term), expected, reason))
+            faults.append(Fault.stated("same-name", term, stem=term.stem))
         stems.add(term.stem)
     return faults
 
@@ -166,12 +172,7 @@ def aliased(
         within = np.abs(columns - first[grouping.code]).max(axis=0) <= PRECISION
         constant_names = [name for name, constant in zip(names, within, strict=True) if constant]
         categories = " and ".join(dict.fromkeys(constant_names or names))
-        reason = (
-            f"{categories} and {term.grouping} change together, each {term.grouping} having one "
-            f"{categories}, so that effects of one can't be told from those of the other"
-        )
-        expected = f"several levels of {term.grouping} for each {categories}"
-        faults.append(Fault(str(term), expected, reason))
+        faults.append(Fault.stated("categories", term, grouping=term.grouping, categories=categories))
     return faults
 
 
@@ -187,12 +188,9 @@ def told_by_mass(term: GroupTerm, rows: pd.DataFrame) -> Fault | None:
         return None
     one = _WORDS.get(term.grouping, term.grouping)
     many = _PLURALS.get(one, f"levels of {one}")
-    reason = f"there are two {many}, each with one mass, so that what a {one} does can't be told from what "
     if term == TRIAL:
-        more = "a third mass would tell it, and how far K and C scatter about a power of the mass"
-        return Fault(str(term), "three masses or more", f"{reason}its mass does; {more}")
-    more = f"each {one} with both masses would tell it"
-    return Fault(MASS_TERM, f"both masses of each {one}", f"{reason}its mass does; {more}")
+        return Fault.stated("mass-of-condition", term, one=one, many=many)
+    return Fault.stated("mass-of-level", MASS_TERM, one=one, many=many)
 
 
 def _by_itself(
@@ -210,11 +208,8 @@ def _by_itself(
 def _too_few(term: GroupTerm, grouping: Grouping) -> Fault | None:
     name, counts = grouping.name, np.bincount(grouping.code)
     if len(counts) < 2:
-        return Fault(str(term), f"more than one {name}", f"there is one {name} only")
-    if counts.max() < 2:
-        reason = f"with one impact of each {name} it can't be told from the impact's own scatter"
-        return Fault(str(term), f"several impacts for at least one {name}", reason)
-    return None
+        return Fault.stated("one-level", term, name=name)
+    return Fault.stated("one-impact", term, name=name) if counts.max() < 2 else None
 
 
 def _too_flat(term: GroupTerm, grouping: Grouping, x: Float[np.ndarray, " row"]) -> Fault | None:
@@ -224,17 +219,14 @@ def _too_flat(term: GroupTerm, grouping: Grouping, x: Float[np.ndarray, " row"])
         return None
     what, name = "the mass" if term.slope == MASS_TERM else term.slope, grouping.name
     variation = "has one value in every" if not varies.any() else "varies within one"
-    return Fault(
-        str(term), f"{what} that varies within at least two levels of {name}", f"{what} {variation} {name}"
-    )
+    return Fault.stated("too-flat", term, what=what, name=name, variation=variation)
 
 
 def _saturated(term: GroupTerm, grouping: Grouping, coefficients: int) -> Fault | None:
     """What lme4 refuses too: told from the scatter by the assumption alone that both are independent."""
     if np.bincount(grouping.code).max() > coefficients:
         return None
-    reason = f"with {coefficients} or fewer it can't be told from the impact's own scatter"
-    return Fault(str(term), f"more than {coefficients} impacts for at least one {grouping.name}", reason)
+    return Fault.stated("saturated", term, coefficients=coefficients, name=grouping.name)
 
 
 def _alike(
@@ -249,7 +241,11 @@ def _alike(
             independent.append(term)
             continue
         same = next((t for t in independent if _same_levels(term, t, groupings)), None)
-        faults.append(_same(term, same) if same else _combined(term, independent))
+        if same:
+            faults.append(_same(term, same))
+        else:
+            others = ", ".join(map(str, independent))
+            faults.append(Fault.stated("combined", term, grouping=term.grouping, others=others))
     return faults
 
 
@@ -287,18 +283,6 @@ def _same_levels(left: GroupTerm, right: GroupTerm, groupings: Mapping[GroupTerm
 def _same(term: GroupTerm, earlier: GroupTerm) -> Fault:
     mine, its = (_WORDS.get(t.grouping, t.grouping) for t in (term, earlier))
     several_mine, several_its = (_PLURALS.get(word, f"levels of {word}") for word in (mine, its))
-    expected = f"{several_its} in several {several_mine}, or several {several_its} in one"
-    reason = (
-        f"every {its} has one {mine} and every {mine} one {its}, so that effects of the {mine} "
-        f"can't be told from those of the {its}"
-    )
-    return Fault(str(term), expected, reason)
-
-
-def _combined(term: GroupTerm, others: Sequence[GroupTerm]) -> Fault:
-    names = ["the impacts' own scatter", *map(str, others)]
-    return Fault(
-        str(term),
-        f"more impacts of each {term.grouping}",
-        f"of impacts arranged so its standard deviation can't be told from those of {', '.join(names)}",
+    return Fault.stated(
+        "same-levels", term, mine=mine, its=its, several_mine=several_mine, several_its=several_its
     )
