@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 import bayestissue as bt
 from bayestissue.inference.checking.findings import warnings
 from bayestissue.inference.checking.recording_warnings import contradicted_velocity
-from bayestissue.inference.points.point_estimates import flags_of
+from bayestissue.inference.points.point_estimates import Inspected
 from bayestissue.recordings.signal import displacements
 from bayestissue.recordings.signal.quality import inspect
 
@@ -108,7 +108,7 @@ def test_a_fit_warns_of_another_velocity_where_its_own_test_is_blind(ratio):
     traces = [(trace.time_s, trace.value) for trace in here.traces]
     table = here.impacts.assign(subject="s", impact=[f"i{n}" for n in range(NUMBER)], mass_kg=0.5)
     data = bt.dataset(table, traces, quantity="deceleration", unit="m/s^2")
-    flags = flags_of(data, displacements(data), inspect(data), {})
+    flags = Inspected(data, displacements(data), inspect(data)).flags()
     warned = [warning.code for warning in warnings({"velocity": contradicted_velocity(flags, {})})]
     assert warned == ([] if ratio == 1 else ["velocity-contradicted"])
     # Where the measuring chain's own test speaks, it does so alone.

@@ -16,7 +16,7 @@ import pandas as pd
 
 from bayestissue.base import resources, runtime
 from bayestissue.base.errors import Coded, InputError, Problem, refuse
-from bayestissue.base.result import Say
+from bayestissue.base.result import Say, silent
 from bayestissue.base.results.tables import typed
 from bayestissue.base.settings import read_text
 from bayestissue.base.words import Words
@@ -321,10 +321,6 @@ def _of_the_chains(model: dict[str, Any]) -> dict[str, Any]:
     return fixed | {"sampler.chains": model.get("sampler", {}).get("chains")}
 
 
-def silent(stage: str, done: int, total: int) -> None:
-    """Say nothing."""
-
-
 @dataclass(frozen=True, eq=False)
 class FitJob:
     """A fit in which all that can be wrong was looked for, and nothing was sampled.
@@ -595,15 +591,15 @@ def _points_and_flags(job: FitJob) -> tuple[pd.DataFrame, list[list[Coded]]]:
     Of `_MANY` impacts and more, spoilt recordings are left to `check`: to look for them would take as long as
     the fit.
     """
-    from bayestissue.inference.points.point_estimates import flags_of, thesis_table
+    from bayestissue.inference.points.point_estimates import Inspected, thesis_table
     from bayestissue.recordings.signal import SignalOptions, displacements
     from bayestissue.recordings.signal.quality import inspect
 
     dataset, options, signal = job.dataset, job.specification.signal, job.prepared.signal
     findings = inspect(dataset, options) if len(dataset.impacts) < _MANY else {}
     of_default = signal if options == SignalOptions() else displacements(dataset)
-    of_thesis = thesis_table(dataset, displacements(dataset, rule="trapezoidal"), findings)
-    return of_thesis, flags_of(dataset, of_default, findings, {})
+    of_thesis = thesis_table(Inspected(dataset, displacements(dataset, rule="trapezoidal"), findings))
+    return of_thesis, Inspected(dataset, of_default, findings).flags()
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from bayestissue.base.declarations import general, taking
 from bayestissue.base.errors import InputError
 from bayestissue.base.outline import Outlined, Rows
 from bayestissue.inference.points.notes import said_once
+from bayestissue.inference.points.point_estimates import Inspected
 from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.single.impact_estimates import by_impact, outcomes_in
 from bayestissue.recordings.dataset.arrays import dataset as dataset_of
@@ -163,7 +164,7 @@ def impact_of(data: Dataset) -> Impact:
     if data.quantity == "displacement":
         raise InputError.stated("unsuited-likelihood.one", SETTINGS, None, "signal.quantity", data.quantity)
     signal = displacements(data)
-    table, posteriors = by_impact(data, signal, inspect(data))
+    table, posteriors = by_impact(Inspected(data, signal, inspect(data)))
     inside = np.arange(signal.n_samples[0])
     recorded = signal.deceleration[0, inside]
     left = np.full(len(inside), np.nan)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -51,17 +52,83 @@ _OSCILLATOR = {
 Masks = Mapping[Coded, np.ndarray]
 
 
-def thesis_table(dataset: Dataset, signal: Displacements, findings: Findings) -> pd.DataFrame:
-    """The table of `bayestissue.estimate` by the method "dds", of displacements that are at hand.
+class Inspected(NamedTuple):
+    """Recordings with what was made of them and what was found on them.
+
+    Attributes:
+        dataset: the recordings.
+        signal: what was made of them.
+        findings: what `bayestissue.recordings.signal.quality.inspect` found; flagged.
+    """
+
+    dataset: Dataset
+    signal: Displacements
+    findings: Findings
+
+    def table(
+        self,
+        oscillator: Mapping[str, Column],
+        wrong: Masks,
+        noted: Masks,
+        further: Mapping[str, Column] = MappingProxyType({}),
+    ) -> pd.DataFrame:
+        """The columns of `estimates.csv`.
+
+        Args:
+            oscillator: its numbers by the names of `bayestissue.inference.points.point_fit.PointFit`; none
+                where there are none.
+            wrong: what the method says is wrong with an impact, and where.
+            noted: what is only its way, and where.
+            further: columns by their names.
+        """
+        signal, unknown = self.signal, np.full(len(self.signal.dt), np.nan)
+        table = self.dataset.impacts[["impact", "subject", "trial", "mass_kg"]].assign(
+            velocity_m_s=signal.velocity,
+            n_samples=signal.n_samples,
+            sampling_interval_s=signal.dt,
+            **{column: oscillator.get(name, unknown) for column, name in _OSCILLATOR.items()},
+            peak_displacement_m=signal.stop.x,
+            time_to_peak_s=signal.time_to_peak,
+            flags=["; ".join(row) for row in self.flags(wrong)],
+            **further,
+            notes=["; ".join(row) for row in self._notes(noted)],
+        )
+        return table.reset_index(drop=True)
+
+    def flags(self, wrong: Masks = MappingProxyType({})) -> list[list[Coded]]:
+        """What is wrong with each impact, by the recordings and by the method."""
+        deepest = self.signal.stop.x
+        if THICKNESS in self.dataset.impacts:
+            thickness = pd.to_numeric(self.dataset.impacts[THICKNESS], errors="coerce").to_numpy(float)
+        else:
+            thickness = np.full(len(deepest), np.inf)
+        wrong, count = {TOO_DEEP: deepest > thickness, **wrong}, len(deepest)
+        parts = zip(raised(self.findings, count), self.signal.flags, by_impact(wrong, count), strict=True)
+        return [[*spoilt, *made, *fitted] for spoilt, made, fitted in parts]
+
+    def _notes(self, noted: Masks) -> list[list[Coded]]:
+        """What is only the method's or the recording's way, of each impact."""
+        count = len(self.signal.dt)
+        spoilt, earlier = (raised(self.findings, count, notes=notes) for notes in (False, True))
+        # No quiet part is found where hum or drift stand in it: that is named instead.
+        return [
+            [*(n for n in a if not {"hum", "drift"} & set(codes_of(named))), *b, *c]
+            for a, b, c, named in zip(
+                self.signal.notes, earlier, by_impact(noted, count), spoilt, strict=True
+            )
+        ]
+
+
+def thesis_table(inspected: Inspected) -> pd.DataFrame:
+    """The table of `bayestissue.estimate` by the method "dds".
 
     Impacts of fewer than eight samples, with uneven times or with clipped samples have a row without numbers:
     an ARMA(2,1) is of a whole displacement at even times.
 
     Args:
-        dataset: the recordings.
-        signal: what was made of them, as in the thesis (section 2.2) by the trapezoidal rule.
-        findings: what `bayestissue.recordings.signal.quality.inspect` found; flagged.
+        inspected: with displacements as in the thesis (section 2.2) by the trapezoidal rule.
     """
+    dataset, signal, _ = inspected
     rows = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.clipped.any(axis=1)
     # Deviations from the mean of the window (section 2.3).
     inside = signal.inside
@@ -88,8 +155,7 @@ def thesis_table(dataset: Dataset, signal: Displacements, findings: Findings) ->
     if dataset.quantity == "displacement":
         # Sound ones come to it too: the way of a position sensor's noise.
         noted, failed = noted | failed, {}
-    flags, notes = flags_of(dataset, signal, findings, failed), notes_of(signal, findings, noted)
-    return table_of(dataset, signal, values, flags, notes)
+    return inspected.table(values, failed, noted)
 
 
 def in_rows(column: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -97,40 +163,6 @@ def in_rows(column: np.ndarray, rows: np.ndarray) -> np.ndarray:
     whole = np.zeros(len(rows), bool) if column.dtype == bool else np.full(len(rows), np.nan)
     whole[rows] = column
     return whole
-
-
-def table_of(
-    dataset: Dataset,
-    signal: Displacements,
-    oscillator: Mapping[str, Column],
-    flags: Sequence[Sequence[str]],
-    notes: Sequence[Sequence[str]],
-    further: Mapping[str, Column] | None = None,
-) -> pd.DataFrame:
-    """The columns of `estimates.csv`.
-
-    Args:
-        dataset: the recordings.
-        signal: what was made of them.
-        oscillator: its numbers by the names of `bayestissue.inference.points.point_fit.PointFit`; none where
-            there are none.
-        flags: of each impact.
-        notes: of each impact.
-        further: columns by their names.
-    """
-    unknown = np.full(len(signal.dt), np.nan)
-    table = dataset.impacts[["impact", "subject", "trial", "mass_kg"]].assign(
-        velocity_m_s=signal.velocity,
-        n_samples=signal.n_samples,
-        sampling_interval_s=signal.dt,
-        **{column: oscillator.get(name, unknown) for column, name in _OSCILLATOR.items()},
-        peak_displacement_m=signal.stop.x,
-        time_to_peak_s=signal.time_to_peak,
-        flags=["; ".join(row) for row in flags],
-        **(further or {}),
-        notes=["; ".join(row) for row in notes],
-    )
-    return table.reset_index(drop=True)
 
 
 def at_a_limit(zeta: Column) -> np.ndarray:
@@ -150,36 +182,3 @@ def always_noted(dataset: Dataset) -> dict[Coded, np.ndarray]:
     """What is noted of impacts whatever the method."""
     count = len(dataset.impacts)
     return {UNUSED: np.full(count, bool(dataset.channels)), PHANTOM: of_phantoms(dataset.impacts)}
-
-
-def flags_of(dataset: Dataset, signal: Displacements, findings: Findings, wrong: Masks) -> list[list[Coded]]:
-    """What is wrong with each impact.
-
-    Args:
-        dataset: the recordings.
-        signal: what was made of them.
-        findings: what was found on them.
-        wrong: what the method says, and where.
-    """
-    wrong = {TOO_DEEP: _too_deep(dataset, signal), **wrong}
-    count = len(signal.dt)
-    parts = zip(raised(findings, count), signal.flags, by_impact(wrong, count), strict=True)
-    return [[*spoilt, *made, *fitted] for spoilt, made, fitted in parts]
-
-
-def notes_of(signal: Displacements, findings: Findings, noted: Masks) -> list[list[Coded]]:
-    """What is only the method's or the recording's way, of each impact; arguments as of `flags_of`."""
-    count = len(signal.dt)
-    spoilt, earlier = (raised(findings, count, notes=notes) for notes in (False, True))
-    # No quiet part is found where hum or drift stand in it: that is named instead.
-    return [
-        [*(n for n in a if not {"hum", "drift"} & set(codes_of(named))), *b, *c]
-        for a, b, c, named in zip(signal.notes, earlier, by_impact(noted, count), spoilt, strict=True)
-    ]
-
-
-def _too_deep(dataset: Dataset, signal: Displacements) -> np.ndarray:
-    if THICKNESS not in dataset.impacts:
-        return np.zeros(len(signal.n_samples), bool)
-    thickness = pd.to_numeric(dataset.impacts[THICKNESS], errors="coerce").to_numpy(float)
-    return signal.stop.x > thickness

@@ -76,7 +76,9 @@ def fit_points(
         raise ValueError("an ARMA(2,1) needs at least eight samples")
     if len(x) == 0:
         return PointFit(*(np.empty(0, _TYPES.get(name, float)) for name in PointFit._fields))
-    x = np.pad(x, ((0, 0), (0, _width(x.shape[1]) - x.shape[1])))
+    # To a width not much above, from a short list, so that few widths are ever compiled.
+    width = 2 + FILLED * bucket(max(1, -(-(x.shape[1] - 2) // FILLED)))
+    x = np.pad(x, ((0, 0), (0, width - x.shape[1])))
     fall = np.zeros(len(x)) if gravity is None else np.asarray(gravity * dt**2, float)
     columns = (x, n_samples - 2.0, np.asarray(dt, float), np.asarray(mass, float), fall)
     fitted = _fit_few if len(x) < _FEW else _fit_batch
@@ -90,11 +92,6 @@ def fit_points(
 
     fit: PointFit = in_parts(batch, columns, size)
     return fit
-
-
-def _width(samples: int) -> int:
-    """A width not much above ``samples`` from a short list, so that few widths are ever compiled."""
-    return 2 + FILLED * bucket(max(1, -(-(samples - 2) // FILLED)))
 
 
 def _fit(

@@ -99,7 +99,7 @@ def _of_some(draws: Draws) -> list[Sizes]:
     tails = [_size(_split((draws <= end).astype(float))) for end in ends]
     of_mean = np.where(infinite.any(axis=(1, 2)), np.nan, _size(split))
     sizes = (np.fmax(_r_hat(bulk), _r_hat(folded)), _size(bulk), np.minimum(*tails), of_mean)
-    known = _known(draws)
+    known = ~np.isnan(draws).any(axis=(1, 2))
     compared = known & (draws.shape[1] > 1)
     return [np.where(compared if n == 0 else known, size, np.nan) for n, size in enumerate(sizes)]
 
@@ -109,10 +109,6 @@ def _ranked_last(draws: Draws, infinite: Bool[np.ndarray, "quantity chain draw"]
     others = np.where(infinite, 0.0, draws)
     beyond = 1 + 3 * np.abs(others).max(axis=(1, 2), keepdims=True)
     return np.where(infinite, np.sign(draws) * beyond, draws)
-
-
-def _known(draws: Draws) -> Bool[np.ndarray, " quantity"]:
-    return ~np.isnan(draws).any(axis=(1, 2))
 
 
 def _split(draws: Draws) -> Draws:

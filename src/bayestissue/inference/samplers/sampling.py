@@ -40,6 +40,20 @@ def quantiles(
     return between
 
 
+def weighted_quantiles(
+    values: Float[np.ndarray, "quantity draw"],
+    weights: Float[np.ndarray, "quantity draw"],
+    probabilities: Sequence[float],
+) -> list[Float[np.ndarray, " quantity"]]:
+    """Quantiles of each quantity's weighted draws, linear between the middles of the weights."""
+    order = np.argsort(values, axis=1)
+    ordered, weight = (np.take_along_axis(part, order, axis=1) for part in (values, weights))
+    below = np.cumsum(weight, axis=1) - weight / 2
+    return [
+        np.array([np.interp(p, x, y) for x, y in zip(below, ordered, strict=True)]) for p in probabilities
+    ]
+
+
 def interval(values: xr.DataArray, name: str = "") -> dict[str, np.ndarray]:
     """Median and ends of the 90 % equal-tailed interval over all draws, as `quantiles` has them.
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,7 +13,7 @@ from jaxtyping import Bool
 
 from bayestissue.base.errors import Coded, InputError
 from bayestissue.base.resources import shared
-from bayestissue.base.result import Say
+from bayestissue.base.result import Say, silent
 from bayestissue.inference.checking.findings import PEAK_MISSED
 from bayestissue.inference.checking.recording_warnings import missed_peaks
 from bayestissue.inference.execution.kept import some_of
@@ -27,18 +29,20 @@ from bayestissue.inference.points.notes import (
     UNCORRECTED,
 )
 from bayestissue.inference.points.point_estimates import (
+    Inspected,
     always_noted,
     another_peak,
     at_a_limit,
-    flags_of,
     in_rows,
-    notes_of,
-    table_of,
     thesis_table,
 )
 from bayestissue.inference.results.labels import outcome_column
 from bayestissue.inference.samplers.psis import k_threshold
-from bayestissue.inference.single.impact_posterior import POINTS, SinglePosteriors, single_posteriors
+from bayestissue.inference.single.impact_posterior import (
+    POINTS,
+    SinglePosteriors,
+    single_posteriors,
+)
 from bayestissue.mechanics.elements.head_injury import LONGEST
 from bayestissue.mechanics.elements.outcomes import DECLARED, HEADFORM_OUTCOMES, NEVER
 from bayestissue.mechanics.oscillator import spring_damper_inverse, to_discrete
@@ -48,9 +52,9 @@ from bayestissue.model.hierarchy.specification import read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, assemble, facts_of
 from bayestissue.recordings.dataset import as_dataset
 from bayestissue.recordings.dataset.impact_table import of_phantoms
-from bayestissue.recordings.signal import Displacements, SignalOptions, displacements
+from bayestissue.recordings.signal import SignalOptions, displacements
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
-from bayestissue.recordings.signal.quality import Findings, inspect
+from bayestissue.recordings.signal.quality import inspect
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,28 +103,27 @@ def estimate(
     dataset = as_dataset(dataset)
     findings = inspect(dataset, options)
     if method == "impact":
-        return by_impact(dataset, displacements(dataset, options), findings, say=say)[0]
+        return by_impact(Inspected(dataset, displacements(dataset, options), findings), say=say)[0]
     if problems := unsuited(facts_of(dataset, method=method), "method", "estimate --method dds"):
         raise InputError(problems)
-    return thesis_table(dataset, displacements(dataset, options, "trapezoidal"), findings)
+    return thesis_table(Inspected(dataset, displacements(dataset, options, "trapezoidal"), findings))
 
 
 def by_impact(
-    dataset: Dataset, signal: Displacements, findings: Findings, *, say: Say | None = None
+    inspected: Inspected, *, say: Say | None = None
 ) -> tuple[pd.DataFrame, SinglePosteriors | None]:
     """The table of `estimate` by the method "impact", and the posteriors where there are samples enough.
 
     Impacts of fewer than eight samples have a row without numbers; without any other there are no posteriors.
 
     Args:
-        dataset: the recordings.
-        signal: what was made of them.
-        findings: what `bayestissue.recordings.signal.quality.inspect` found; flagged.
+        inspected: the recordings.
         say: as of `estimate`.
 
     Raises:
         InputError: displacements have uneven times, or a low-pass is declared of them.
     """
+    dataset, signal, _ = inspected
     displaced = dataset.quantity == "displacement"
     file = shared("models", "arma.toml" if displaced else "impact.toml")
     specification = read_specification(file).alone()
@@ -130,106 +133,110 @@ def by_impact(
     noted = always_noted(dataset)
     if not rows.any():
         # Nothing to ask: the same columns without numbers.
-        flags, notes = flags_of(dataset, signal, findings, {}), notes_of(signal, findings, noted)
         further = [name for name in _FURTHER if dataset.headform or not name.startswith(tuple(LONGEST))]
-        none = dict.fromkeys(further, np.full(len(rows), np.nan))
-        return table_of(dataset, signal, {}, flags, notes, none), None
+        return inspected.table({}, {}, noted, dict.fromkeys(further, np.full(len(rows), np.nan))), None
     design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
     prepared = some_of(assemble(dataset, specification, design, signal), np.flatnonzero(rows))
-    posteriors = single_posteriors(prepared) if say is None else single_posteriors(prepared, say)
-    least_noise = _LEAST_NOISE[prepared.model.kind] * np.exp(np.asarray(prepared.data.log_peak))
-    noiseless = posteriors.sigma.median < least_noise
-    untold = _untold(posteriors, noiseless)
-    oscillator = _oscillator(prepared, posteriors, untold)
-    wrong = _wrong(dataset, prepared, posteriors, oscillator, untold, noiseless)
+    posteriors = single_posteriors(prepared, say or silent)
+    estimated = _Estimated(prepared, posteriors)
 
     def in_table(columns: Mapping[Any, np.ndarray]) -> dict[Any, np.ndarray]:
         """Of all impacts of the dataset."""
         return {name: in_rows(column, rows) for name, column in columns.items()}
 
-    noted = {NOISELESS: in_rows(noiseless, rows), **noted}
+    wrong, noted = in_table(estimated.wrong(dataset)), in_table({NOISELESS: estimated.noiseless}) | noted
     if displaced:
         # Sound recordings come to it too: the way of a position sensor's noise.
-        noted, wrong = noted | in_table(wrong), {}
-    table = table_of(
-        dataset,
-        signal,
-        in_table(oscillator),
-        flags_of(dataset, signal, findings, in_table(wrong)),
-        notes_of(signal, findings, noted),
-        in_table(_of_posteriors(posteriors, untold, noiseless)),
-    )
+        noted, wrong = noted | wrong, {}
+    table = inspected.table(in_table(estimated.oscillator), wrong, noted, in_table(estimated.further()))
     return table, posteriors
 
 
-def _oscillator(
-    prepared: Prepared, posteriors: SinglePosteriors, untold: Mapping[str, Told]
-) -> dict[str, np.ndarray]:
-    """The posteriors' medians, and the sampled oscillator of this K and C: without what is not told."""
-    K, C, signal = posteriors.K.median, posteriors.C.median, prepared.signal
-    omega_n, zeta = (np.asarray(values) for values in spring_damper_inverse(K, C, signal.mass))
-    phi1, phi2, theta1 = (np.asarray(values) for values in to_discrete(omega_n, zeta, signal.dt))
-    values = {"phi1": phi1, "phi2": phi2, "theta1": theta1, "omega_n": omega_n, "zeta": zeta, "K": K, "C": C}
-    if prepared.model.kind == "arma":
-        values |= {"theta1": np.tanh(posteriors.parameters[:, 3]), "sigma_a": posteriors.sigma.median}
-    needs, either = {"K": untold["K"], "omega_n": untold["K"], "C": untold["C"]}, untold["K"] | untold["C"]
-    return {name: np.where(needs.get(name, either), np.nan, column) for name, column in values.items()}
+@dataclass(frozen=True)
+class _Estimated:
+    """Impacts that have posteriors, each by itself, and what is told of them."""
 
+    prepared: Prepared
+    posteriors: SinglePosteriors
 
-def _of_posteriors(
-    posteriors: SinglePosteriors, untold: Mapping[str, Told], noiseless: Told
-) -> dict[str, np.ndarray]:
-    """The further columns: intervals, errors, and what the impacts came to."""
-    bounded, columns = posteriors.moved & ~noiseless, dict[str, np.ndarray]()
-    for name, unit, marginal in (("K", "N_per_m", posteriors.K), ("C", "N_s_per_m", posteriors.C)):
-        columns |= {
-            f"{name}_se_{unit}": np.where(untold[name] | noiseless, np.nan, marginal.sd),
-            # What is not told from below has the upper end of its interval as a bound.
-            f"{name}_low_{unit}": np.where(bounded, np.where(untold[name], 0.0, marginal.low), np.nan),
-            f"{name}_high_{unit}": np.where(bounded, marginal.high, np.nan),
-        }
-    columns["omega_n_se_rad_s"] = np.where(untold["K"] | noiseless, np.nan, posteriors.omega_n.sd)
-    either = untold["K"] | untold["C"]
-    columns["zeta_se"] = np.where(either | noiseless, np.nan, posteriors.zeta.sd)
-    if posteriors.noise_p is not None:
-        columns |= {"whiteness_p": posteriors.noise_p, "noise_sd_m_s2": posteriors.sigma.median}
-    columns["pareto_k"] = posteriors.pareto_k
-    # Of what was not found, and of intervals that are none, there is no outcome either.
-    return columns | {
-        column: np.where(posteriors.moved if which == "median" else bounded, getattr(outcome, which), np.nan)
-        for column, (name, which) in OUTCOME_COLUMNS.items()
-        if (outcome := posteriors.outcomes.get(name)) is not None
-    }
+    @cached_property
+    def noiseless(self) -> Told:
+        """Whether the noise is no more than what the likelihood itself leaves out."""
+        least_noise = _LEAST_NOISE[self.prepared.model.kind] * np.exp(np.asarray(self.prepared.data.log_peak))
+        return self.posteriors.sigma.median < least_noise
 
+    @cached_property
+    def untold(self) -> dict[str, Told]:
+        """Where K, or C, is not told: its interval spans a decade, or nothing was found at all."""
+        with np.errstate(all="ignore"):
+            told = {"K": self.posteriors.K, "C": self.posteriors.C}
+            wide = {q: ~(one.high < _DECADE * one.low) for q, one in told.items()}
+        return {q: (~self.posteriors.moved | here) & ~self.noiseless for q, here in wide.items()}
 
-def _wrong(
-    dataset: Dataset,
-    prepared: Prepared,
-    posteriors: SinglePosteriors,
-    oscillator: Mapping[str, np.ndarray],
-    untold: Mapping[str, Told],
-    noiseless: Told,
-) -> dict[Coded, Told]:
-    """What the posteriors say is wrong with each impact."""
-    wrong = {}
-    with np.errstate(invalid="ignore"):
+    @cached_property
+    def oscillator(self) -> dict[str, np.ndarray]:
+        """The medians, and the sampled oscillator of this K and C: without what is not told."""
+        K, C, signal = self.posteriors.K.median, self.posteriors.C.median, self.prepared.signal
+        omega_n, zeta = (np.asarray(values) for values in spring_damper_inverse(K, C, signal.mass))
+        phi1, phi2, theta1 = (np.asarray(values) for values in to_discrete(omega_n, zeta, signal.dt))
+        values = {"phi1": phi1, "phi2": phi2, "theta1": theta1, "omega_n": omega_n, "zeta": zeta}
+        values |= {"K": K, "C": C}
+        if self.prepared.model.kind == "arma":
+            theta1, sigma_a = np.tanh(self.posteriors.parameters[:, 3]), self.posteriors.sigma.median
+            values |= {"theta1": theta1, "sigma_a": sigma_a}
+        K_untold, C_untold = self.untold.values()
+        needs, either = {"K": K_untold, "omega_n": K_untold, "C": C_untold}, K_untold | C_untold
+        return {name: np.where(needs.get(name, either), np.nan, column) for name, column in values.items()}
+
+    def further(self) -> dict[str, np.ndarray]:
+        """The further columns: intervals, errors, and what the impacts came to."""
+        posteriors, noiseless, untold = self.posteriors, self.noiseless, self.untold
+        bounded, columns = posteriors.moved & ~noiseless, dict[str, np.ndarray]()
+        for name, unit, marginal in (("K", "N_per_m", posteriors.K), ("C", "N_s_per_m", posteriors.C)):
+            columns |= {
+                f"{name}_se_{unit}": np.where(untold[name] | noiseless, np.nan, marginal.sd),
+                # What is not told from below has the upper end of its interval as a bound.
+                f"{name}_low_{unit}": np.where(bounded, np.where(untold[name], 0.0, marginal.low), np.nan),
+                f"{name}_high_{unit}": np.where(bounded, marginal.high, np.nan),
+            }
+        columns["omega_n_se_rad_s"] = np.where(untold["K"] | noiseless, np.nan, posteriors.omega_n.sd)
+        either = untold["K"] | untold["C"]
+        columns["zeta_se"] = np.where(either | noiseless, np.nan, posteriors.zeta.sd)
         if posteriors.noise_p is not None:
-            wrong[STRUCTURED] = (posteriors.noise_p < _STRUCTURED_BY_CHANCE) & ~noiseless
-        wrong[AT_A_LIMIT] = at_a_limit(oscillator["zeta"])
-    # What is integrated from behind a low-pass has contact, and so its peak, elsewhere.
-    another = another_peak(prepared.signal, oscillator["omega_n"], oscillator["zeta"])
-    wrong[ANOTHER_PEAK] = another & (dataset.recorder is None)
-    wrong[UNCORRECTED] = (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless
-    if posteriors.outcomes:
-        greatest, jerk = (posteriors.outcomes[name] for name in ("peak_deceleration", "peak_jerk"))
-        missed = missed_peaks(dataset, prepared, greatest.low, greatest.high, jerk.high)
-        wrong[PEAK_MISSED] = posteriors.moved & ~noiseless & missed
-    for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
-        rows_of = prepared.impacts.assign(untold=untold[name], phantom=of_phantoms(prepared.impacts))
-        share = rows_of.groupby(["trial", "phantom"])["untold"].transform("mean")
-        # The few of a trial that come out above the threshold are those that erred upwards.
-        wrong |= {alone: untold[name], among: (share.to_numpy() > 0.5) & ~untold[name]}
-    return wrong
+            columns |= {"whiteness_p": posteriors.noise_p, "noise_sd_m_s2": posteriors.sigma.median}
+        columns["pareto_k"] = posteriors.pareto_k
+        # Of what was not found, and of intervals that are none, there is no outcome either.
+        return columns | {
+            column: np.where(
+                posteriors.moved if which == "median" else bounded, getattr(outcome, which), np.nan
+            )
+            for column, (name, which) in OUTCOME_COLUMNS.items()
+            if (outcome := posteriors.outcomes.get(name)) is not None
+        }
+
+    def wrong(self, dataset: Dataset) -> dict[Coded, Told]:
+        """What the posteriors say is wrong with each impact of these recordings."""
+        posteriors, noiseless, untold = self.posteriors, self.noiseless, self.untold
+        oscillator, wrong = self.oscillator, {}
+        with np.errstate(invalid="ignore"):
+            if posteriors.noise_p is not None:
+                wrong[STRUCTURED] = (posteriors.noise_p < _STRUCTURED_BY_CHANCE) & ~noiseless
+            wrong[AT_A_LIMIT] = at_a_limit(oscillator["zeta"])
+        # What is integrated from behind a low-pass has contact, and so its peak, elsewhere.
+        another = another_peak(self.prepared.signal, oscillator["omega_n"], oscillator["zeta"])
+        wrong[ANOTHER_PEAK] = another & (dataset.recorder is None)
+        wrong[UNCORRECTED] = (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless
+        if posteriors.outcomes:
+            greatest, jerk = (posteriors.outcomes[name] for name in ("peak_deceleration", "peak_jerk"))
+            missed = missed_peaks(dataset, self.prepared, greatest.low, greatest.high, jerk.high)
+            wrong[PEAK_MISSED] = posteriors.moved & ~noiseless & missed
+        impacts = self.prepared.impacts
+        for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
+            rows_of = impacts.assign(untold=untold[name], phantom=of_phantoms(impacts))
+            share = rows_of.groupby(["trial", "phantom"])["untold"].transform("mean")
+            # The few of a trial that come out above the threshold are those that erred upwards.
+            wrong |= {alone: untold[name], among: (share.to_numpy() > 0.5) & ~untold[name]}
+        return wrong
 
 
 def outcomes_in(row: pd.Series) -> pd.DataFrame:
@@ -246,13 +253,3 @@ def outcomes_in(row: pd.Series) -> pd.DataFrame:
             one = rows.setdefault(name, {"never": 0.0, "unit": DECLARED[name].unit})
             one[which] = float(row[column])
     return pd.DataFrame(rows).T[["median", "low", "high", "never", "unit"]].infer_objects()
-
-
-def _untold(posteriors: SinglePosteriors, noiseless: Told) -> dict[str, Told]:
-    """Where the recording does not tell K, or C: its interval spans a decade, or nothing was found at all."""
-    with np.errstate(all="ignore"):
-        wide = {
-            name: ~(marginal.high < _DECADE * marginal.low)
-            for name, marginal in (("K", posteriors.K), ("C", posteriors.C))
-        }
-    return {name: (~posteriors.moved | here) & ~noiseless for name, here in wide.items()}

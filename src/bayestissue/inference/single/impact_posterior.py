@@ -11,7 +11,6 @@ their weights, each with a draw of the chain's errors given the trace.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ from jaxtyping import Bool, Float
 from scipy.special import ndtr, softmax
 from scipy.stats import chi2, norm, qmc
 
+from bayestissue.base.result import Say, silent
 from bayestissue.inference.execution.chunks import BLOCK, map_impacts
 from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.inference.execution.workers import cluster
@@ -34,7 +34,7 @@ from bayestissue.inference.factors.sites import laplace_sites
 from bayestissue.inference.quantities.mass_errors import DRAWS
 from bayestissue.inference.quantities.quantity_draws import recorded_outcomes
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
-from bayestissue.inference.samplers.sampling import quantiles
+from bayestissue.inference.samplers.sampling import quantiles, weighted_quantiles
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.model.hierarchy.trace_models import (
@@ -125,13 +125,7 @@ class SinglePosteriors(NamedTuple):
     pareto_k: Float[np.ndarray, " impact"]
 
 
-def _nothing(stage: str, done: int, total: int) -> None:
-    """Say nothing."""
-
-
-def single_posteriors(
-    prepared: Prepared, say: Callable[[str, int, int], None] = _nothing
-) -> SinglePosteriors:
+def single_posteriors(prepared: Prepared, say: Say = silent) -> SinglePosteriors:
     """The posterior of every impact by itself, all of them in one chunked, compiled map.
 
     Args:
@@ -154,7 +148,7 @@ def single_posteriors(
     # Blocks may be others' work, who can't say anything here.
     alone = len(prepared.impacts) <= BLOCK and cluster() is None
     prior = ConditionalPrior(mean, np.diag(sd**-2.0))
-    one = partial(_of_block, prepared.model, prior, say=say if alone else _nothing)
+    one = partial(_of_block, prepared.model, prior, say=say if alone else silent)
     progress = partial(say, "each impact's posterior")
     posteriors: SinglePosteriors = map_impacts(one, prepared.data, start, progress=progress)
     return posteriors
@@ -166,7 +160,7 @@ def _of_block(
     data: TraceData,
     start: Float[np.ndarray, "impact parameter"],
     *,
-    say: Callable[[str, int, int], None],
+    say: Say,
 ) -> SinglePosteriors:
     say("each impact's most probable values", 0, 1)
     prior = ConditionalPrior(np.broadcast_to(prior.mean, start.shape), prior.precision).of_each()
@@ -208,7 +202,7 @@ def _corrected(
     data: TraceData,
     prior: ConditionalPrior,
     sites: GaussianFactor,
-    say: Callable[[str, int, int], None],
+    say: Say,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of each impact's posterior, their weights, which sum to 1, and Pareto k.
 
@@ -245,7 +239,9 @@ def _corrected(
         mean = np.where(bad[:, None], (weight[..., None] * u).sum(0), mean)
         deviation = u - mean
         covariance = np.einsum("pi,pia,pib->iab", weight, deviation, deviation, optimize=True)
-        root = np.where(bad[:, None, None], _root(covariance), root)
+        # A square root also where it is singular, all weight being a point's.
+        values, axes = np.linalg.eigh(covariance)
+        root = np.where(bad[:, None, None], axes * np.sqrt(np.maximum(values, 1e-300))[:, None], root)
     return best
 
 
@@ -324,12 +320,6 @@ def _along(chosen: np.ndarray, array: np.ndarray) -> np.ndarray:
     return chosen if array.ndim == 1 else chosen.reshape(1, -1, *[1] * (array.ndim - 2))
 
 
-def _root(covariance: Float[np.ndarray, "impact parameter parameter"]) -> np.ndarray:
-    """A square root of each, also where one is singular, all weight being a point's."""
-    values, axes = np.linalg.eigh(covariance)
-    return axes * np.sqrt(np.maximum(values, 1e-300))[:, None]
-
-
 class _Even(NamedTuple):
     """Points that fill the space evenly.
 
@@ -381,12 +371,8 @@ def _of_draws(values: Float[np.ndarray, "draw impact"]) -> OutcomePosterior:
 def _marginal(
     values: Float[np.ndarray, "point impact"], weight: Float[np.ndarray, "point impact"]
 ) -> Marginal:
-    """Weighted quantiles, linear between the middles of the weights, and standard deviation."""
-    order = np.argsort(values, axis=0)
-    ordered, share = (np.take_along_axis(part, order, axis=0) for part in (values, weight))
-    below = np.cumsum(share, axis=0) - share / 2
-    pairs = list(zip(below.T, ordered.T, strict=True))
-    low, median, high = (np.array([np.interp(level, *pair) for pair in pairs]) for level in (0.05, 0.5, 0.95))
+    """Weighted quantiles and standard deviation."""
+    low, median, high = weighted_quantiles(values.T, weight.T, (0.05, 0.5, 0.95))
     mean = (weight * values).sum(0)
     return Marginal(median, np.sqrt((weight * (values - mean) ** 2).sum(0)), low, high)
 

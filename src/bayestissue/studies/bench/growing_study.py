@@ -25,6 +25,7 @@ from scipy.special import stdtr
 
 from bayestissue.base.errors import InputError
 from bayestissue.inference.points.notes import PHANTOM
+from bayestissue.inference.samplers.sampling import weighted_quantiles
 from bayestissue.model.hierarchy.design import build_design
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.responses import RESPONSES
@@ -37,7 +38,6 @@ from bayestissue.studies.bench.drops import Drop
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.init import COUNTS
 from bayestissue.studies.one_impact import Impact
-from bayestissue.studies.planning.assurance import weighted_quantiles
 from bayestissue.studies.planning.information import told_of_tissue
 from bayestissue.studies.planning.study_model import planned_model
 from bayestissue.studies.planning.study_posterior import PlannedSites, posteriors

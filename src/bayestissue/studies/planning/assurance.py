@@ -18,13 +18,14 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float
 
-from bayestissue.base.result import Say
+from bayestissue.base.result import Say, silent
 from bayestissue.base.runtime import in_threads
 from bayestissue.inference.answers.grammar import Node, parse
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.meaning import draws_of, quantities
 from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.inference.answers.study import Study
+from bayestissue.inference.samplers.sampling import weighted_quantiles
 from bayestissue.mechanics.elements.outcomes import OUTCOMES
 from bayestissue.model.hierarchy.recorded import Recorded
 from bayestissue.model.hierarchy.responses import RESPONSES
@@ -171,7 +172,7 @@ class Planner:
         blocks: range,
         *,
         probability: float = 0.95,
-        progress: Say = lambda *_: None,
+        progress: Say = silent,
     ) -> list[list[Assessment]]:
         """Assess every design by every goal.
 
@@ -255,21 +256,6 @@ def _assessment(
             low, high = weighted_quantiles(values, posterior.weight, ends)
             p, width = none, np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
     return Assessment(goal, probability, p, true[:, 0] > 0.5, width, posterior.effective)
-
-
-def weighted_quantiles(
-    values: Float[np.ndarray, "study draw"],
-    weights: Float[np.ndarray, "study draw"],
-    probabilities: Sequence[float],
-) -> list[Float[np.ndarray, " study"]]:
-    """Quantiles of each study's weighted draws."""
-    order = np.argsort(values, axis=1)
-    ordered = np.take_along_axis(values, order, axis=1)
-    weight = np.take_along_axis(weights, order, axis=1)
-    below = np.cumsum(weight, axis=1) - weight / 2
-    return [
-        np.array([np.interp(p, x, y) for x, y in zip(below, ordered, strict=True)]) for p in probabilities
-    ]
 
 
 @dataclass(frozen=True, eq=False)
