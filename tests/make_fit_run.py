@@ -19,7 +19,7 @@ from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.quantities.together import comparable_draws
+from bayestissue.inference.quantities.secants import comparable_draws
 from bayestissue.model.hierarchy.recorded import Recorded
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.run_folder import read_about

@@ -13,7 +13,7 @@ from bayestissue.base.errors import InputError
 from bayestissue.inference.checking.model_form import misfit_precheck
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import draws_of_chain, fit_traces, sample
-from bayestissue.inference.quantities.common_depth import static_force
+from bayestissue.inference.quantities.whole import static_force
 from bayestissue.mechanics.elements import element, element_names, outcomes
 from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.mechanics.elements.outcomes import OUTCOMES

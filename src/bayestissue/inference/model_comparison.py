@@ -18,7 +18,7 @@ from bayestissue.inference.answers.predictions import predicted
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import of_element_alone
 from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
-from bayestissue.inference.quantities.together import OF_IMPACTS, OF_PEOPLE, comparable_draws
+from bayestissue.inference.quantities.secants import OF_IMPACTS, OF_PEOPLE, comparable_draws
 from bayestissue.inference.results.cross_validation import (
     above_limit,
     densities_of,
@@ -40,11 +40,6 @@ COLUMNS = [name for name in columns_of("comparison") if name != "data"]
 BY_IMPACT = "leave one impact out"
 BY_TRIAL = "leave one trial out"
 FEW = 30
-
-
-def by_impact(trees: Mapping[str, xr.DataTree], variable: str) -> pd.DataFrame:
-    """Leave-one-impact-out accuracy: `by_importance` for the densities of single impacts."""
-    return by_importance(trees, variable, BY_IMPACT)
 
 
 def by_importance(

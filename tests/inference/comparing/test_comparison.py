@@ -12,7 +12,6 @@ from bayestissue.inference.model_comparison import (
     BY_IMPACT,
     BY_TRIAL,
     COLUMNS,
-    by_impact,
     by_importance,
     by_trial,
     observed_by,
@@ -74,7 +73,9 @@ def test_leave_one_impact_out_agrees_with_the_exact_answer(normal_means) -> None
     y, mean = normal_means
     right = norm(mean[..., None], 1).logpdf(y)
     wrong = norm(mean[..., None] + 1.0, 1).logpdf(y)
-    table = by_impact({"wrong": tree(wrong), "right": tree(right)}, "estimates").set_index("model")
+    table = by_importance({"wrong": tree(wrong), "right": tree(right)}, "estimates", BY_IMPACT).set_index(
+        "model"
+    )
     others = (y.sum() - y) / 29
     exact = norm(others, np.sqrt(1 + 1 / 29)).logpdf(y).sum()
     assert list(table.index) == ["right", "wrong"]
@@ -92,7 +93,9 @@ def test_an_impact_that_drags_the_posterior_along_is_counted_in_the_warning(norm
     log_likelihood = norm(mean[..., None], 1).logpdf(y)
     # A likelihood far narrower than the posterior draws: its inverse has no variance.
     log_likelihood[..., 0] = norm(mean, 0.05).logpdf(0.8)
-    table = by_impact({"a": tree(log_likelihood), "b": tree(norm(mean[..., None], 1).logpdf(y))}, "estimates")
+    table = by_importance(
+        {"a": tree(log_likelihood), "b": tree(norm(mean[..., None], 1).logpdf(y))}, "estimates", BY_IMPACT
+    )
     assert table.set_index("model").loc["a", "warning"].startswith("1 of 30 impacts with Pareto k above 0.7")
 
 
@@ -125,7 +128,9 @@ def test_draws_that_are_nearly_all_one_are_scored_and_not_trusted(normal_means) 
     right = norm(mean[..., None], 1).logpdf(y)
     # What a correction leaves where it trusts a single draw of each chain.
     stuck = np.broadcast_to(norm(mean[:, :1, None] + 1.0, 1).logpdf(y), right.shape)
-    table = by_impact({"stuck": tree(stuck.copy()), "right": tree(right)}, "estimates").set_index("model")
+    table = by_importance(
+        {"stuck": tree(stuck.copy()), "right": tree(right)}, "estimates", BY_IMPACT
+    ).set_index("model")
     assert list(table.index) == ["right", "stuck"]
     # Four draws, each as often: the harmonic mean of their densities.
     expected = -np.log(np.mean(np.exp(-stuck[:, 0]), axis=0)).sum()

@@ -12,7 +12,7 @@ import xarray as xr
 
 from bayestissue.inference import fit
 from bayestissue.inference.quantities.quantity_draws import Draws
-from bayestissue.inference.quantities.together import comparable_draws
+from bayestissue.inference.quantities.secants import comparable_draws
 from bayestissue.model.hierarchy.design import build_design
 from bayestissue.model.hierarchy.specification import Formulas
 

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from jax import Array
 
-from bayestissue.inference.quantities.common_depth import (
+from bayestissue.inference.quantities.whole import (
+    Whole,
     at_common_depth,
     static_force,
     whole_at_common_depth,
+    whole_impact,
 )
-from bayestissue.inference.quantities.whole import Whole, whole_impact
 from bayestissue.mechanics.elements import element, impact, outcomes
 from bayestissue.mechanics.elements.element import GRAVITY, Element
 from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters

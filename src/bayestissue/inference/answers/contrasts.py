@@ -304,7 +304,7 @@ def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     formula = recorded.response(response)
     named = [name for name in formula.covariates if _is_factor(recorded, name)]
     factors = {name: _values(recorded, name) for name in named}
-    compared = [one for name, levels in factors.items() for one in _of_levels(name, levels)]
+    compared = [one for name, known in factors.items() for one in _of_levels(name, known)]
     for names in sorted(interactions(formula.formula), key=len, reverse=True):
         if set(names) <= set(factors):
             compared += _of_interaction(recorded, names, factors)
@@ -314,15 +314,18 @@ def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
         if len(term.factors) > 1:
             compared += _of_combinations(recorded, term.factors, known=factors)
         elif term.grouping not in factors:
-            with_mass = term.grouping == "trial" and "mass_kg" in formula.covariates
-            compared += _of_group(recorded, term.grouping, at_one_mass=with_mass)
+            comparable = [recorded.levels(term.grouping)]
+            if term.grouping == "trial" and "mass_kg" in formula.covariates:
+                comparable = _of_equal_mass(recorded, term.grouping)
+            for levels in comparable:
+                if len(levels) <= SETTINGS.compared:
+                    compared += _of_levels(term.grouping, {level: level for level in levels})
     return compared
 
 
 def _is_factor(recorded: Recorded, name: str) -> bool:
-    if recorded.is_category(name):
-        return True
-    return name not in _PHYSICAL and recorded.rows[name].nunique() == 2
+    two_numbers = name not in _PHYSICAL and recorded.rows[name].nunique() == 2
+    return two_numbers or recorded.is_category(name)
 
 
 def _of_levels(name: str, levels: Mapping[str, str | float]) -> Iterator[Contrast]:
@@ -377,13 +380,6 @@ def _stays(recorded: Recorded, name: str) -> tuple[bool, bool, bool]:
     """
     reference = any(level.casefold() in _REFERENCES for level in recorded.levels(name))
     return name not in recorded.followers("subject"), name.lower() not in SESSIONS, not reference
-
-
-def _of_group(recorded: Recorded, name: str, *, at_one_mass: bool) -> Iterator[Contrast]:
-    levels = recorded.levels(name)
-    for comparable in _of_equal_mass(recorded, name) if at_one_mass else [levels]:
-        if len(comparable) <= SETTINGS.compared:
-            yield from _of_levels(name, {level: level for level in comparable})
 
 
 def _of_equal_mass(recorded: Recorded, name: str) -> list[list[str]]:

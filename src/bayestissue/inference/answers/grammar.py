@@ -133,6 +133,14 @@ class Level:
     position: int
     value_position: int
 
+    def wrong(self, expected: str, remedy: str = "") -> QuestionError:
+        """What is expected in place of its column."""
+        return QuestionError(self.position, self.column, expected, remedy)
+
+    def wrong_value(self, expected: str, remedy: str = "") -> QuestionError:
+        """What is expected in place of its value."""
+        return QuestionError(self.value_position, str(self.value), expected, remedy)
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -142,6 +150,10 @@ class Quantity:
     levels: tuple[Level, ...]
     position: int
     depth: int = 1
+
+    def wrong(self, expected: str, remedy: str = "") -> QuestionError:
+        """What is expected in its place."""
+        return QuestionError(self.position, self.name, expected, remedy)
 
 
 @dataclass(frozen=True)
@@ -284,7 +296,7 @@ class _Maker:
         columns = [level[0].column for level in levels]
         twice = [level[0] for index, level in enumerate(levels) if level[0].column in columns[:index]]
         if twice:
-            raise QuestionError(twice[0].position, twice[0].column, "each column once")
+            raise twice[0].wrong("each column once")
         over = [level[1] for level in levels if len(level) > 1]
         if len(over) > MOST_OVER:
             slip = over[MOST_OVER]

@@ -155,9 +155,8 @@ def mistakes(
         yield from errors
         if not errors and not within and (free := _open(node, recorded, posterior)):
             expected = f"one level of {free[0]}, or {node.name} within {'(), '.join(OF_MANY)}()"
-            yield QuestionError(
-                node.position, f"{node.name} of every {free[0]}", expected, f"Such as {_such(node, free[0])}."
-            )
+            such = f"Such as {node.name}[{free[0]}=...] or mean({node.name}[{free[0]}])."
+            yield QuestionError(node.position, f"{node.name} of every {free[0]}", expected, such)
         return
     if isinstance(node, Critical):
         yield from _of_critical(node, recorded)
@@ -258,9 +257,8 @@ def _of_choice(node: Choice, recorded: Recorded, posterior: xr.Dataset | None) -
 def _of_critical(node: Critical, recorded: Recorded) -> Iterator[QuestionError]:
     """What can't be answered in the search of a motion, beside the claim itself."""
     if node.column not in ALONG:
-        yield QuestionError(
-            node.position, node.column, f"one of {', '.join(ALONG)}", _near(node.column, [*ALONG])
-        )
+        wanted, near = f"one of {', '.join(ALONG)}", _near(node.column, [*ALONG])
+        yield QuestionError(node.position, node.column, wanted, near)
         return
     named = [one for one in quantities(node) if one.name in OUTCOMES and is_response(one, recorded)]
     if not named:
@@ -269,11 +267,10 @@ def _of_critical(node: Critical, recorded: Recorded) -> Iterator[QuestionError]:
     for quantity in named:
         for level in quantity.levels:
             if level.column in ALONG:
-                yield QuestionError(level.position, level.column, f"no {level.column}: it is what is asked")
+                yield level.wrong(f"no {level.column}: it is what is asked")
         for response in responses_of(quantity.name, recorded):
             if "velocity_m_s" in recorded.response(response).terms.columns:
-                expected = f"an outcome of a {response} that does not depend on the velocity"
-                yield QuestionError(quantity.position, quantity.name, expected)
+                yield quantity.wrong(f"an outcome of a {response} that does not depend on the velocity")
 
 
 def searched(node: Node) -> set[Quantity]:
@@ -318,13 +315,12 @@ def _of_quantity(
         return
     if quantity.name not in posterior:
         names = list(dict.fromkeys([*recorded.formulas, *OUTCOMES, *map(str, posterior.data_vars)]))
-        near = _near(quantity.name, names)
-        yield QuestionError(quantity.position, quantity.name, "a quantity of this run", near)
+        yield quantity.wrong("a quantity of this run", _near(quantity.name, names))
         return
     array = posterior[quantity.name]
     if "kept_draw" in array.dims:
         expected = "a quantity whose draws were all kept; of so many impacts single ones were kept in part"
-        yield QuestionError(quantity.position, quantity.name, expected)
+        yield quantity.wrong(expected)
         return
     dims = [str(name) for name in array.dims if name not in DRAWN]
     for level in quantity.levels:
@@ -334,7 +330,7 @@ def _of_quantity(
                 if dims
                 else f"no brackets: {quantity.name} is one number"
             )
-            yield QuestionError(level.position, level.column, what, _near(level.column, dims))
+            yield level.wrong(what, _near(level.column, dims))
         elif level.value is not None:
             labels = [str(label) for label in array[level.column].to_numpy()]
             if level.value not in labels:
@@ -346,7 +342,7 @@ def _of_response(quantity: Quantity, recorded: Recorded) -> list[QuestionError]:
     free = [level for level in quantity.levels if level.value is None]
     if not errors and free and not conditions_of(quantity, recorded):
         expected = f"a {free[0].column} that was recorded with the rest of these brackets"
-        errors.append(QuestionError(free[0].position, free[0].column, expected))
+        errors.append(free[0].wrong(expected))
     return errors
 
 
@@ -354,11 +350,11 @@ def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError
     needed = _columns_of(quantity.name, recorded)
     free = [level for level in quantity.levels if level.value is None]
     for level in free[1:]:
-        yield QuestionError(level.position, level.column, "one column without a level at most")
+        yield level.wrong("one column without a level at most")
     velocities = [level for level in quantity.levels if level.column in ("velocity_m_s", DROP_HEIGHT)]
     if quantity.name in OUTCOMES and len(velocities) > 1 and DROP_HEIGHT not in recorded.needed:
         first, second, *_ = velocities
-        yield QuestionError(second.position, second.column, f"{first.column} alone")
+        yield second.wrong(f"{first.column} alone")
     for level in quantity.levels:
         moves = {level.column, *recorded.followers(level.column)} & set(needed)
         known = level.column in recorded.rows or (level.column in MOTION and quantity.name in OUTCOMES)
@@ -368,12 +364,10 @@ def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError
             expected = f"a column that {quantity.name} depends on here: {which}"
             formulas = [recorded.formulas[q] for q in responses_of(quantity.name, recorded)]
             remedy = f'The formula is "{formulas[0]}". {_near(level.column, usable)}'
-            yield QuestionError(level.position, level.column, expected, remedy)
+            yield level.wrong(expected, remedy)
         elif level.value is None:
             if level.column not in recorded.named:
-                yield QuestionError(
-                    level.position, level.column, f"{level.column}=number, since it has no levels"
-                )
+                yield level.wrong(f"{level.column}=number, since it has no levels")
         elif _is_number(level.column, recorded):
             yield from _of_number(level)
         else:
@@ -389,9 +383,9 @@ def _of_number(level: Level) -> Iterator[QuestionError]:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        yield QuestionError(level.value_position, str(level.value), f"a number after {level.column}=")
+        yield level.wrong_value(f"a number after {level.column}=")
     elif level.column in _ABOVE_ZERO and value <= 0:
-        yield QuestionError(level.value_position, str(level.value), _ABOVE_ZERO[level.column])
+        yield level.wrong_value(_ABOVE_ZERO[level.column])
 
 
 def _is_number(column: str, recorded: Recorded) -> bool:
@@ -401,17 +395,13 @@ def _is_number(column: str, recorded: Recorded) -> bool:
 
 def _strange(level: Level, levels: Sequence[str]) -> QuestionError:
     expected = f"a level of {level.column}: {first_of(levels, SETTINGS.listed) or 'none'}"
-    return QuestionError(level.value_position, str(level.value), expected, _near(str(level.value), levels))
+    return level.wrong_value(expected, _near(str(level.value), levels))
 
 
 def _near(name: str, names: Sequence[str]) -> str:
     small = {one.casefold(): one for one in reversed(names)}
     matches = [small[one] for one in difflib.get_close_matches(name[:100].casefold(), small, n=3, cutoff=0.5)]
     return f"Near: {', '.join(matches)}." if matches else ""
-
-
-def _such(quantity: Quantity, column: str) -> str:
-    return f"{quantity.name}[{column}=...] or mean({quantity.name}[{column}])"
 
 
 _OPERATORS: dict[str, Callable[..., Any]] = {
@@ -484,7 +474,7 @@ def _value(node: Node, study: Study) -> xr.DataArray:
 def _critical_draws(node: Critical, study: Study) -> xr.DataArray:
     outcome = next(quantity for quantity in quantities(node) if quantity.name in OUTCOMES)
     if not study.law.anywhere:
-        raise QuestionError(outcome.position, outcome.name, "a run with a law of force", str(NO_LAW))
+        raise outcome.wrong("a run with a law of force", str(NO_LAW))
     if node.column == DROP_HEIGHT and not study.law.gravity:
         expected = "velocity_m_s, since this dataset states no gravity along the motion"
         raise QuestionError(node.position, DROP_HEIGHT, expected)
@@ -528,14 +518,13 @@ def require_motions(quantity: Quantity, study: Study, conditions: Sequence[Condi
     """
     law = study.law
     if not law.anywhere:
-        raise QuestionError(quantity.position, quantity.name, "a run with a law of force", str(NO_LAW))
+        raise quantity.wrong("a run with a law of force", str(NO_LAW))
     if beyond_law := [condition for condition in conditions if not study.holds(condition)]:
         expected = f"levels at which a law of force holds: {study.held(beyond_law[0])}"
-        raise QuestionError(quantity.position, quantity.name, expected, str(NO_LAW))
+        raise quantity.wrong(expected, str(NO_LAW))
     if expected := unfit_height(study.recorded, conditions[0], law.gravity):
         raise QuestionError(quantity.position, DROP_HEIGHT, expected)
     if not (study.motion(conditions)["velocity_m_s"] > 0).all():
-        raise QuestionError(quantity.position, quantity.name, "velocity_m_s=number in its brackets")
+        raise quantity.wrong("velocity_m_s=number in its brackets")
     if quantity.name in LONGEST and not law.headform:
-        expected = "a run whose dataset.toml says headform = true in the table [impactor]"
-        raise QuestionError(quantity.position, quantity.name, expected)
+        raise quantity.wrong("a run whose dataset.toml says headform = true in the table [impactor]")

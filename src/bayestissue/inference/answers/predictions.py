@@ -88,25 +88,23 @@ def predict(
         if say is not None and len(conditions) > block:
             say("predicting", begin, len(conditions))
         rows = conditions[begin : begin + block]
-        tables.append(_predicted(study, rows, step, rng).table)
+        tables.append(predicted(study, rows, step, rng).table)
     return pd.concat(tables, ignore_index=True)
 
 
-def predicted(study: Study, conditions: Sequence[Condition]) -> Predicted:
+def predicted(
+    study: Study, conditions: Sequence[Condition], step: int = 0, rng: np.random.Generator | None = None
+) -> Predicted:
     """Predictions of one new impact in each condition; float64 must be set.
 
     Args:
         study: the fit.
         conditions: what is given in each, by column; see `bayestissue.model.hierarchy.levels`.
+        step: every so manieth draw is simulated; as of so many conditions unless given.
+        rng: of the scatter of single impacts.
     """
-    step = simulated_step(study.count, len(conditions))
-    return _predicted(study, conditions, step, np.random.default_rng(_SCATTER))
-
-
-def _predicted(
-    study: Study, conditions: Sequence[Condition], step: int, rng: np.random.Generator
-) -> Predicted:
-    """Predictions of which every ``step``th draw is simulated, the scatter of single impacts by ``rng``."""
+    step = step or simulated_step(study.count, len(conditions))
+    rng = rng or np.random.default_rng(_SCATTER)
     held = np.array([study.holds(condition) for condition in conditions], bool)
     motion, headform = study.motion(conditions), study.law.headform
     parameters = study.parameters(conditions, scatter=rng)

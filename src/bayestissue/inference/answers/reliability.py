@@ -151,6 +151,12 @@ class Coefficient(NamedTuple):
     drawn: Drawn
     varies: tuple[str, ...] = ()
 
+    def of_units(self, typical: Drawn) -> Iterator[Coefficient]:
+        """A difference of the log in percent, and in the quantity's unit beside what is ``typical``."""
+        relative, unit = np.expm1(self.drawn), UNITS.get(self.quantity, "1")
+        yield self._replace(unit=_PERCENT, name=f"relative_{self.name}", drawn=100 * relative)
+        yield self._replace(unit=unit, drawn=relative * typical)
+
 
 def coefficients(variances_of: Mapping[str, Variances], draws: xr.Dataset) -> list[Coefficient]:
     """Every coefficient of each response, by its variances in ``draws``, the group posterior or prior."""
@@ -180,25 +186,19 @@ def _of_response(q: str, variances: Variances, draws: xr.Dataset) -> Iterator[Co
             form = words if one else f"{words}, means of {k:g}"
             short = letter if one else f"{letter}k"
             if one:
-                yield from _error(q, SEM, form, f"SEM_{short}", np.sqrt(variance), typical, varies[letter])
+                error = Coefficient(q, SEM, form, "", f"SEM_{short}", np.sqrt(variance), varies[letter])
+                yield from error.of_units(typical)
             detectable = SD_OF_95_PERCENT * np.sqrt(2 * variance)
-            yield from _error(q, MDC, form, f"MDC95_{short}", detectable, typical, varies[letter])
+            change = Coefficient(q, MDC, form, "", f"MDC95_{short}", detectable, varies[letter])
+            yield from change.of_units(typical)
     for short, (form, variance) in of_error.items():
-        yield from _error(q, SEM, form, f"SEM_{short}", np.sqrt(variance), typical, ())
+        error = Coefficient(q, SEM, form, "", f"SEM_{short}", np.sqrt(variance))
+        yield from error.of_units(typical)
     for letter in forms if known else ():
         for target in TARGETS:
             values = variances.repeats(target, agreement=letter == "A")
             form, short = f"ICC({letter},k) of {target:g}", f"repeats_{letter}{100 * target:.0f}"
             yield Coefficient(q, REPEATS, form, "1", short, values, varies[letter])
-
-
-def _error(
-    q: str, measure: str, form: str, name: str, log: Drawn, typical: Drawn, varies: tuple[str, ...]
-) -> Iterator[Coefficient]:
-    """A difference of the log, in percent and in units of a typical person."""
-    relative = np.expm1(log)
-    yield Coefficient(q, measure, form, _PERCENT, f"relative_{name}", 100 * relative, varies)
-    yield Coefficient(q, measure, form, UNITS.get(q, "1"), name, relative * typical, varies)
 
 
 def reliability(posterior: Sequence[Coefficient], prior: Sequence[Coefficient] = ()) -> pd.DataFrame:

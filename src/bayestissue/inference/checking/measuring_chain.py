@@ -126,27 +126,18 @@ def judge(prepared: Prepared, expansions: GaussianFactor | None = None) -> dict[
         (medians); ``structure_left`` and ``words``. ``passed`` is None where decelerations stay structured
         even so: what the traces then ask of the chain may be the tissue's law.
     """
-    if not _rate_is_known(prepared):
+    # The rate of false alarms is known of a spring and damper side by side alone.
+    if prepared.model.element != SIDE_BY_SIDE or prepared.model.discrepancy:
         return {}
     rows = some_impacts(len(prepared.impacts))
     prepared = some_of(prepared, rows)
-    groups = _groups(prepared)
+    groups = {kind: pd.factorize(prepared.impacts[kind].astype(str))[0] for kind in _GROUPS}
     expansions = expanded(prepared) if expansions is None else rows_of(expansions, rows)
     errors = {name: freed(prepared, name, expansions) for name in JUDGED}
     patterns = {name: _pattern(freed_error, groups) for name, freed_error in errors.items()}
     if not any(patterns.values()):
         return {"passed": True, "of": len(prepared.impacts)}
     return _account(prepared, groups, expansions, errors, patterns)
-
-
-def _rate_is_known(prepared: Prepared) -> bool:
-    """Whether the rate of false alarms is known: of a spring and damper side by side alone."""
-    return prepared.model.element == SIDE_BY_SIDE and not prepared.model.discrepancy
-
-
-def _groups(prepared: Prepared) -> Groups:
-    table = prepared.impacts
-    return {kind: pd.factorize(table[kind].astype(str))[0] for kind in _GROUPS}
 
 
 def _pattern(freed_error: Freed, groups: Groups) -> ErrorPattern | None:
@@ -166,8 +157,9 @@ def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = Non
         name: `AMPLITUDE`, `OFFSET` or `CONTACT`.
         expansions: `expanded` of the same, if it is at hand.
     """
-    data, column = with_normal_errors(prepared.data), _column(prepared, name)
-    sign = -1.0 if [*prepared.data.record.errors][column] == "ramp_error" else 1.0
+    data, of_chain = with_normal_errors(prepared.data), [*prepared.data.record.errors]
+    column = next(number for number, error in enumerate(of_chain) if error in _COLUMN[name])
+    sign = -1.0 if of_chain[column] == "ramp_error" else 1.0
     sd = np.asarray(data.record.error_sd)
     unit, declared = _unit(prepared, name), sd[:, column]
     wide = np.where(np.arange(sd.shape[1]) == column, _WIDE[name] * unit[:, None], sd)
@@ -195,11 +187,6 @@ def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = Non
     before = np.asarray((expansions or expanded(prepared)).log_scale)
     gain = np.asarray(sites.log_scale) + occam - before
     return Freed(error, spread, declared, unit, centre, gain)
-
-
-def _column(prepared: Prepared, name: str) -> int:
-    names = prepared.data.record.errors
-    return next(number for number, error in enumerate(names) if error in _COLUMN[name])
 
 
 def _unit(prepared: Prepared, name: str) -> Float[np.ndarray, " impact"]:

@@ -14,7 +14,7 @@ from contextvars import ContextVar
 from typing import Any
 
 from bayestissue.base import runtime
-from bayestissue.base.errors import InputError, Problem
+from bayestissue.base.errors import InputError
 
 # Workers that die this often without an item done between are no accident.
 _DEATHS = 5
@@ -96,22 +96,10 @@ def _executor(jobs: int, scheduler: str | None) -> Iterator[tuple[Executor, type
     except (CancelledError, OSError) as loss:
         if client.status == "running":
             raise
-        raise _lost("the scheduler answers no longer") from loss
+        lost = "the scheduler answers no longer"
+        raise InputError.stated("scheduler.lost", "--scheduler", value=lost) from loss
     finally:
         client.close(timeout=_PATIENCE_S)
-
-
-def _lost(status: str) -> InputError:
-    return InputError(
-        Problem(
-            "--scheduler",
-            "a running Dask scheduler with workers",
-            "Start `dask scheduler` and `dask worker ADDRESS`, or leave --scheduler out, and give the same "
-            "command again: what was finished is kept.",
-            value=status,
-            code="scheduler",
-        )
-    )
 
 
 def _settled(function: Callable[[Any], Any], item: Any) -> Any:
@@ -124,35 +112,20 @@ def _client(address: str) -> Any:
     try:
         import distributed
     except ImportError as error:
-        raise InputError(
-            Problem(
-                "--scheduler",
-                "Dask beside this program",
-                'Install it with pip install "bayestissue[dask]", or leave --scheduler out.',
-                value="not installed",
-                code="scheduler",
-            )
-        ) from error
+        raise InputError.stated("scheduler.dask", "--scheduler", value="not installed") from error
     try:
         # A client that fails waits for itself, and complains when collected; so a bare connection first.
         asyncio.run(_answers(address))
         client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
     except Exception:  # whatever another program answers may be read as anything
-        raise InputError(
-            Problem(
-                "--scheduler",
-                "the address of a running Dask scheduler, such as tcp://127.0.0.1:8786",
-                "Start one with `dask scheduler` and workers with `dask worker ADDRESS`, or leave "
-                "--scheduler out.",
-                value=address,
-                code="scheduler",
-            )
-        ) from None
+        raise InputError.stated("scheduler.address", "--scheduler", value=address) from None
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
     except TimeoutError:
         client.close(timeout=_PATIENCE_S)
-        raise _lost("a scheduler without workers") from None
+        raise InputError.stated(
+            "scheduler.lost", "--scheduler", value="a scheduler without workers"
+        ) from None
     return client
 
 

@@ -21,8 +21,6 @@ ITERATIONS = 60
 # of the wrong sign, gets the curvature with which it exceeds it by the least.
 _MOST_GAIN, _LEAST_GAIN = 20.0, 1.0
 _LEAST_BEND = 1e-9
-# Of a log parameter of which a trace says nothing.
-_LEAST_PRECISION = 1e-3
 # Steps of the differences: in conditional standard deviations, so that what a step changes is far above
 # rounding, which was measured to be 1e-9 at most; in units of a log parameter, so that it is far below where
 # third derivatives count.
@@ -153,11 +151,6 @@ def curvature_floor(
     return np.maximum(np.where(believed, bend, slope**2 / (2 * _LEAST_GAIN)), _LEAST_BEND)
 
 
-def least_curvature(slope: Float[np.ndarray, "*axis"]) -> Float[np.ndarray, "*axis"]:
-    """The least curvature with which a site of this slope is bounded as `curvature_floor` has it."""
-    return np.maximum(slope**2 / (2 * _MOST_GAIN), _LEAST_PRECISION)
-
-
 def weak_prior(start: Float[np.ndarray, "impact parameter"]) -> ConditionalPrior:
     """A weak prior about the first guess, of a standard deviation of 2."""
     return ConditionalPrior(np.asarray(start), np.eye(start.shape[1]) / 4)
@@ -177,8 +170,8 @@ def nearest_parabolas(
     inverse = np.linalg.inv(root)
     level, slope, bend = _parabola(np.einsum("iab,pib->pia", inverse, u - mean), value, weight)
     values, axes = np.linalg.eigh(bend)
-    # Without curvature a site that slopes has no bound, and all draws would go there.
-    least = np.maximum(least_curvature(np.einsum("iab,ia->ib", axes, slope)), _LEAST_REGRESSED)
+    # Without curvature a site that slopes has no bound, and all draws would go there: see `curvature_floor`.
+    least = np.maximum(np.einsum("iab,ia->ib", axes, slope) ** 2 / (2 * _MOST_GAIN), _LEAST_REGRESSED)
     bend = np.einsum("iab,ib,icb->iac", axes, np.maximum(values, least), axes)
     precision = np.einsum("iba,ibc,icd->iad", inverse, bend, inverse, optimize=True)
     return GaussianFactor(mean, np.einsum("iba,ib->ia", inverse, slope), precision, level)

@@ -15,8 +15,12 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float
 
-from bayestissue.inference.quantities.common_depth import at_common_depth, whole_at_common_depth
-from bayestissue.inference.quantities.whole import Whole, whole_impact
+from bayestissue.inference.quantities.whole import (
+    Whole,
+    at_common_depth,
+    whole_at_common_depth,
+    whole_impact,
+)
 from bayestissue.mechanics.elements import Element, Outcomes, element, element_names
 from bayestissue.mechanics.elements.element import GRAVITY, inertia
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, MEASURED, outcomes_of
@@ -97,9 +101,7 @@ class Impacts:
         located = stated.with_contact_found(key)
         response = located.response()
 
-        def given_record(key: Array) -> Array:
-            return located.draw_errors(key, response)
-
+        given_record = partial(located.draw_errors, predicted=response)
         errors = jax.lax.cond(recorded, given_record, located.prior_errors, key)
         delta = located.discrepancy(errors)
         errors = errors[:, -len(data.record.errors) :]

@@ -1,4 +1,6 @@
-"""Mass exponents of the force over depth: at each impact's greatest depth, and at one that all impacts reach.
+"""Secant stiffness: of impacts together, and its mass exponents at two depths.
+
+The depths are each impact's greatest one, and one that all impacts reach.
 
 The K that the hierarchy samples is the element's own. Beside a discrepancy that is the element's part of the
 force, which no measurement knows, and its interval may hold neither the tissue's tangent nor its secant
@@ -10,9 +12,11 @@ less deep, and its secant stiffness differs by less.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.inference.execution.kept import some_impacts
@@ -25,6 +29,11 @@ from bayestissue.model.hierarchy.trace_data import Prepared
 # By what it is called: what of an impact it is the exponent of.
 EXPONENTS = {f"mass_exponent_{COMMON_DEPTH}": COMMON_DEPTH, "mass_exponent_K_secant": "K_secant"}
 _SPREADS = np.geomspace(1e-4, 10.0, 500)
+# The draws of an impact that each is made of. On a spring and damper side by side the secant stiffness is K
+# itself, and C is the equivalent damping.
+_SOURCES = {"K_secant": ("K_secant", "K"), "C_equivalent": ("C_equivalent", "C")}
+OF_IMPACTS = tuple(f"{name}_of_impacts" for name in _SOURCES)
+OF_PEOPLE = tuple(f"{name}_of_subject" for name in _SOURCES)
 
 
 def mass_exponents_of_secants(
@@ -177,3 +186,31 @@ def _restricted(
     left = (drawn.mean(0) @ complement) @ along
     variance = known[:, None] + _SPREADS**2
     return -(np.log(variance) + left[:, None] ** 2 / variance).sum(0) / 2
+
+
+def comparable_draws(posterior: xr.Dataset, groups: Mapping[str, np.ndarray]) -> dict[str, xr.DataArray]:
+    """Stiffness and damping that mean the same for every element, of these impacts and of groups of them.
+
+    The geometric means over all recorded impacts, and over those of each level of a grouping, of the secant
+    stiffness and of the equivalent damping: for K, exp((1/n) sum_i log K_secant,i), by draw.
+
+    Args:
+        posterior: with "K" and "C" [chain, draw or kept draw, impact], and "K_secant" and "C_equivalent"
+            where the run's element has them. Nothing comes of a run without single impacts.
+        groups: [impact], each impact's level, by grouping, such as whose it is, by "subject".
+
+    Returns:
+        By name, such as "K_secant_of_impacts" [chain, draw] or "K_secant_of_subject" [chain, draw, subject].
+    """
+    comparable: dict[str, xr.DataArray] = {}
+    for name, sources in _SOURCES.items():
+        source = next((candidate for candidate in sources if candidate in posterior), None)
+        if source is None or "impact" not in posterior[source].dims:
+            continue
+        logs = xr.apply_ufunc(np.log, posterior[source])
+        means = {"impacts": logs.mean("impact")} | {
+            stem_of(of): logs.assign_coords({of: ("impact", levels)}).groupby(of).mean("impact")
+            for of, levels in groups.items()
+        }
+        comparable |= {f"{name}_of_{of}": xr.apply_ufunc(np.exp, mean) for of, mean in means.items()}
+    return comparable

@@ -15,8 +15,11 @@ from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.quantities.impact_quantities import NAMES
 from bayestissue.inference.quantities.quantity_draws import Draws, prior_draws, quantities
-from bayestissue.inference.quantities.secants import EXPONENTS, mass_exponents_of_secants
-from bayestissue.inference.quantities.together import comparable_draws
+from bayestissue.inference.quantities.secants import (
+    EXPONENTS,
+    comparable_draws,
+    mass_exponents_of_secants,
+)
 from bayestissue.inference.results.labels import (
     design_attributes,
     design_dimensions,
