@@ -31,22 +31,21 @@ def summarise(posterior: xr.Dataset) -> pd.DataFrame:
     """
     of_all = posterior.drop_dims("kept_draw", errors="ignore")
     thinned = [name for name in posterior.data_vars if name not in of_all]
-    tables = [_of_chains(str(name), array) for name, array in of_all.data_vars.items()]
-    tables += [_of_kept(str(name), posterior[name]) for name in thinned]
+    tables = [_of_variable(str(name), posterior[name]) for name in (*of_all.data_vars, *thinned)]
     return pd.concat(tables, ignore_index=True)
 
 
-def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
-    levels = array if len(array.dims) > 2 else array.expand_dims({"": [""]}, axis=2)
-    labels = levels.dims[2]
-    draws = levels.transpose("chain", "kept_draw", labels).to_numpy()
-    flat = draws.reshape(-1, draws.shape[2]).T.astype(float)
+def _of_variable(name: str, array: xr.DataArray) -> pd.DataFrame:
+    thinned = "kept_draw" in array.dims
+    array = array.rename(kept_draw="draw") if thinned else array
+    draws = elements_of(array)
+    flat = draws.reshape(len(draws), -1)
     mean, sd = _moments(flat)
     # By the usual rule 90 % intervals of a hundred draws would hold 88 %.
-    ends = quantiles(flat, list(QUANTILES.values()), "weibull")
+    ends = quantiles(flat, list(QUANTILES.values()), "weibull" if thinned else "linear")
     columns = {
         "variable": name,
-        "label": levels[labels].to_numpy().astype(str),
+        "label": _labels(array),
         "unit": array.attrs.get("unit", ""),
         "mean": mean,
         "sd": sd,
@@ -54,28 +53,11 @@ def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
         "never": np.isinf(flat).mean(axis=1),
         **dict(zip(QUANTILES, ends, strict=True)),
     }
+    if not thinned:
+        sampled = convergence(draws)
+        columns |= {"ess_bulk": sampled.ess_bulk, "ess_tail": sampled.ess_tail, "r_hat": sampled.r_hat}
+        columns["mcse_mean"] = sd / np.sqrt(sampled.ess_mean)
     return pd.DataFrame(columns).reindex(columns=COLUMNS)
-
-
-def _of_chains(name: str, array: xr.DataArray) -> pd.DataFrame:
-    draws = elements_of(array)
-    flat = draws.reshape(len(draws), -1)
-    sampled = convergence(draws)
-    mean, sd = _moments(flat)
-    columns = {
-        "variable": name,
-        "label": _labels(array),
-        "unit": array.attrs.get("unit", ""),
-        "mean": mean,
-        "sd": sd,
-        "ess_bulk": sampled.ess_bulk,
-        "ess_tail": sampled.ess_tail,
-        "r_hat": sampled.r_hat,
-        "mcse_mean": sd / np.sqrt(sampled.ess_mean),
-        "never": np.isinf(flat).mean(axis=1),
-        **dict(zip(QUANTILES, quantiles(flat, list(QUANTILES.values())), strict=True)),
-    }
-    return pd.DataFrame(columns, columns=COLUMNS)
 
 
 def _moments(
