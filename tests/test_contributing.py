@@ -22,7 +22,7 @@ TRIED = """
 import numpy as np
 
 from bayestissue.mechanics.elements.element import complete, deceleration_of
-from bayestissue.mechanics.elements.registry import element
+from bayestissue.mechanics.elements.library import element
 found = element("depth_damped")
 p = complete(found, {"K": 3000.0, "C": 20.0, "damping_depth_m": 0.01}, None)
 y = np.array([0.01, 1.0])

@@ -19,7 +19,7 @@ from bayestissue.inference.chain.draws import ChainJob, chain_draws
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.expansions import expanded, first_guess
-from bayestissue.inference.factors.likelihoods import POINTS, densities_at, log_likelihoods
+from bayestissue.inference.factors.sites import POINTS, densities_at, log_likelihoods
 from bayestissue.inference.fit import draws_of_chain
 from bayestissue.inference.quantities.quantity_draws import drawn_impacts
 from bayestissue.model.hierarchy import population

@@ -12,8 +12,13 @@ from scipy.stats import multivariate_normal
 
 from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, normals
 from bayestissue.inference.factors.expansions import first_guess
-from bayestissue.inference.factors.likelihoods import POINTS, log_likelihoods
-from bayestissue.inference.factors.sites import curvature_floor, laplace_sites, weak_prior
+from bayestissue.inference.factors.sites import (
+    POINTS,
+    curvature_floor,
+    laplace_sites,
+    log_likelihoods,
+    weak_prior,
+)
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare

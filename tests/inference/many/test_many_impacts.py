@@ -19,8 +19,7 @@ from bayestissue.inference.execution import kept as many_kept
 from bayestissue.inference.execution.chunks import in_blocks, map_impacts
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
 from bayestissue.inference.factors.expansions import first_guess
-from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.sites import laplace_sites, weak_prior
+from bayestissue.inference.factors.sites import laplace_sites, log_likelihoods, weak_prior
 from bayestissue.inference.results.summary import summarise
 from bayestissue.mechanics.elements import element_names
 from bayestissue.model.hierarchy.gaussian.arrangement import arrange

@@ -12,7 +12,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.base.resources import shared
-from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.sites import log_likelihoods
 from bayestissue.inference.points.notes import C_UNTOLD
 from bayestissue.inference.single.impact_posterior import single_posteriors
 from bayestissue.mechanics.oscillator import (

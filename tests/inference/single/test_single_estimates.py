@@ -11,7 +11,7 @@ import pytest
 import bayestissue as bt
 from bayestissue.base.resources import shared
 from bayestissue.base.results.tables import columns_of
-from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.sites import log_likelihoods
 from bayestissue.inference.points.notes import C_UNTOLD, K_MOSTLY_UNTOLD, K_UNTOLD, NOISELESS, STRUCTURED
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single import impact_estimates as single_estimates

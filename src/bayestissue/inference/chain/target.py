@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.base.padding import bucket, padded_impacts
 from bayestissue.inference.execution.kept import all_kept, some_impacts
-from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.sites import log_likelihoods
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.gaussian.arrangement import expected, expected_by_cell
 from bayestissue.model.hierarchy.gaussian.covariances import Covariances

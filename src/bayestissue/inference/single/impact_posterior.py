@@ -27,10 +27,9 @@ from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.inference.execution.workers import cluster
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.expansions import first_guess
-from bayestissue.inference.factors.likelihoods import POINTS as AT_ONCE
-from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.noise_left import noise_p
-from bayestissue.inference.factors.sites import laplace_sites
+from bayestissue.inference.factors.sites import POINTS as AT_ONCE
+from bayestissue.inference.factors.sites import laplace_sites, log_likelihoods
 from bayestissue.inference.quantities.mass_errors import DRAWS
 from bayestissue.inference.quantities.quantity_draws import recorded_outcomes
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed

@@ -1,8 +1,8 @@
 """What an impactor may meet: arrangements of spring and damper, one file each, and their impacts."""
 
 from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M, Element, Outcomes, Parameter
+from bayestissue.mechanics.elements.library import element, element_names
 from bayestissue.mechanics.elements.outcomes import outcomes
-from bayestissue.mechanics.elements.registry import element, element_names
 from bayestissue.mechanics.elements.whole_impact import ImpactorPath, impact
 
 __all__ = [

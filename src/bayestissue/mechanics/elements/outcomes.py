@@ -25,7 +25,7 @@ from bayestissue.mechanics.elements.element import (
     inertia,
 )
 from bayestissue.mechanics.elements.head_injury import LONGEST, SEARCH, head_injury, pulse_of
-from bayestissue.mechanics.elements.registry import element as named
+from bayestissue.mechanics.elements.library import element as named
 from bayestissue.mechanics.elements.whole_impact import LONG, Path, prepared
 
 

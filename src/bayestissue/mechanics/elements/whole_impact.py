@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from bayestissue.mechanics.elements import linear, solver
 from bayestissue.mechanics.elements.element import Collision, Element, Parameters, complete, falling, inertia
-from bayestissue.mechanics.elements.registry import element as named
+from bayestissue.mechanics.elements.library import element as named
 
 # Steps are short at contact, where a Hertz force has no smooth start, and grow with its square root.
 NODES = 401

@@ -17,7 +17,7 @@ from pydantic import (
 
 from bayestissue.base.resources import model_content
 from bayestissue.base.settings import TomlTable, checked, read_text
-from bayestissue.mechanics.elements.registry import element, element_names
+from bayestissue.mechanics.elements.library import element, element_names
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.combinations import refused
 from bayestissue.model.hierarchy.formulas.formula import terms_of

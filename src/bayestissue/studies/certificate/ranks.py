@@ -20,7 +20,7 @@ from scipy.stats import binom, norm, t
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.execution.kept import evenly_spaced
-from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.sites import log_likelihoods
 from bayestissue.model.hierarchy.population import MASS_ERROR
 from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.studies.certificate.augmented import Truth
