@@ -29,13 +29,16 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 
-def _attributes(table: str) -> dict[str, dict[str, str]]:
-    """Unit and meaning of the variables that a table of ``variables.toml`` declares, of K and C each."""
+def _worded(table: str, *each: Mapping[str, str], **words: str) -> dict[str, dict[str, str]]:
+    """Unit and meaning of the variables of a table of ``variables.toml``, with these words in its braces.
+
+    Of ``each`` of several such words, if there are any: a name without braces stands there once.
+    """
+    kind, _, name = table.partition(".")
     return {
-        pattern.format(q=q): {"unit": unit.format(unit=UNITS[q]), "long_name": words.format(**words_of)}
-        for pattern, (unit, words) in _DECLARED[table].items()
-        for q in (UNITS if "{q}" in pattern else ["K"])
-        for words_of in [{"name": NAMES[q], "unit": UNITS[q]}]
+        pattern.format(**of): {"unit": unit.format(**of), "long_name": long_name.format(**of)}
+        for pattern, (unit, long_name) in (_DECLARED[kind][name] if name else _DECLARED[kind]).items()
+        for of in each or [words]
     }
 
 
@@ -48,12 +51,13 @@ def _levels() -> dict[str, dict[str, str]]:
     }
 
 
-ATTRIBUTES = _levels() | _attributes("variables")
+_OF_EACH = [{"q": q, "name": NAMES[q], "unit": UNITS[q]} for q in UNITS]
+ATTRIBUTES = _levels() | _worded("variables", *_OF_EACH)
 
 
 def element_attributes() -> dict[str, dict[str, str]]:
     """Unit and meaning of the variables that elements have besides K and C."""
-    table = _attributes("elements")
+    table = _worded("elements")
     table |= {name: {"unit": one.unit, "long_name": one.meaning} for name, one in DECLARED.items()}
     for parameter in (extra for name in element_names() for extra in element(name).extra):
         symbol, log = parameter.name, f"log_{parameter.name}"
@@ -107,15 +111,6 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
     # People and conditions have words of their own for K and C.
     table = {name: words for name, words in table.items() if name not in ATTRIBUTES}
     return table | _averaged(design, ATTRIBUTES | table)
-
-
-def _worded(table: str, **words: str) -> dict[str, dict[str, str]]:
-    """Unit and meaning of the variables of a table of ``variables.toml``, with these words in its braces."""
-    kind, _, name = table.partition(".")
-    return {
-        pattern.format(**words): {"unit": unit.format(**words), "long_name": long_name.format(**words)}
-        for pattern, (unit, long_name) in _DECLARED[kind][name].items()
-    }
 
 
 def _averaged(design: Design, known: Mapping[str, dict[str, str]]) -> dict[str, dict[str, str]]:
