@@ -19,7 +19,6 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
-from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from bayestissue.base.errors import InputError, Problem, has_control_characters
@@ -451,28 +450,22 @@ class Settings(TomlTable, strict=True):
             yield "no table [recorder] beside displacements, whose likelihoods have no place for a low-pass"
 
 
-def keys() -> dict[str, FieldInfo]:
-    """What an argument or an option states, by where it stands, as ``signal.unit``.
-
-    How texts are written and further channels are not among it.
-    """
-    places: dict[str, type[TomlTable]] = {"signal": SignalSettings, "impactor": ImpactorSettings}
-    further = {key: field for key, field in Settings.model_fields.items() if key not in (*places, "channel")}
-    return {
-        f"{table}.{key}": field
-        for table, schema in places.items()
-        for key, field in schema.model_fields.items()
-        if key not in Stated.model_fields
-    } | further
-
-
+_TABLED: dict[str, type[TomlTable]] = {"signal": SignalSettings, "impactor": ImpactorSettings}
+# What an argument or an option states, by where it stands, as ``signal.unit``: not how texts are written, nor
+# further channels.
+_KEYS = {
+    f"{table}.{key}": field
+    for table, schema in _TABLED.items()
+    for key, field in schema.model_fields.items()
+    if key not in Stated.model_fields
+} | {key: field for key, field in Settings.model_fields.items() if key not in (*_TABLED, "channel")}
 # By the name of the argument that states it: where a key stands.
-PLACES = {place.rpartition(".")[2]: place for place in keys()}
+PLACES = {place.rpartition(".")[2]: place for place in _KEYS}
 
 
 def arguments() -> dict[str, Argument]:
     """The argument of each of `PLACES`, with what it means."""
-    return {place.rpartition(".")[2]: argument(field) for place, field in keys().items()}
+    return {name: argument(_KEYS[place]) for name, place in PLACES.items()}
 
 
 def content_of(stated: Mapping[str, Any], places: Mapping[str, str] = PLACES) -> dict[str, Any]:

@@ -7,7 +7,6 @@ import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,11 +15,9 @@ from jaxtyping import Bool
 
 from bayestissue.base.declarations import declared
 from bayestissue.base.errors import Problem, has_control_characters
-from bayestissue.recordings.dataset.cells import FILE, REMEDY, is_height, number_in, read_cells
-from bayestissue.recordings.dataset.dialect import Stated
+from bayestissue.recordings.dataset.cells import FILE, is_height, number_in
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
 from bayestissue.recordings.dataset.recordings import CROP
-from bayestissue.recordings.dataset.source_files import Source
 
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz", *CROP)
 # Of a spring or phantom whose stiffness is known.
@@ -55,22 +52,6 @@ class ImpactTable:
     row: np.ndarray
     problems: list[Problem]
     warnings: list[Problem]
-
-
-def read_impacts(path: Path, *, needs_velocity: bool, stated: Stated | None = None) -> ImpactTable:
-    """Read and check ``impacts.csv``.
-
-    Args:
-        path: the file.
-        needs_velocity: whether every impact must state its velocity at contact.
-        stated: as of `read_cells`.
-
-    Raises:
-        InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
-    """
-    source = Source.at(path, remedy=REMEDY, stated=stated)
-    cells, rows = read_cells(source, required_columns(needs_velocity=needs_velocity))
-    return impact_table(cells, rows, needs_velocity=needs_velocity)
 
 
 def of_phantoms(impacts: pd.DataFrame) -> Bool[np.ndarray, " impact"]:

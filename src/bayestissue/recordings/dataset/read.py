@@ -14,7 +14,8 @@ from jaxtyping import Float64
 
 from bayestissue.base.errors import InputError, Problem, along_with, collected
 from bayestissue.base.runtime import content_hash
-from bayestissue.recordings.dataset.cells import HEIGHTS, is_height
+from bayestissue.recordings.dataset.cells import FILE as IMPACTS
+from bayestissue.recordings.dataset.cells import HEIGHTS, REMEDY, is_height, read_cells
 from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
 from bayestissue.recordings.dataset.dataset_file import (
     STANDARD_GRAVITY,
@@ -23,8 +24,7 @@ from bayestissue.recordings.dataset.dataset_file import (
     SignalSettings,
     read_settings,
 )
-from bayestissue.recordings.dataset.impact_table import FILE as IMPACTS
-from bayestissue.recordings.dataset.impact_table import ImpactTable, read_impacts
+from bayestissue.recordings.dataset.impact_table import ImpactTable, impact_table, required_columns
 from bayestissue.recordings.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.recordings.dataset.left_out import LeftOut, read_left_out
 from bayestissue.recordings.dataset.model import Dataset
@@ -37,6 +37,7 @@ from bayestissue.recordings.dataset.recording_checks import (
     stated_problems,
 )
 from bayestissue.recordings.dataset.recordings import Reading, Recordings, crop, windows_of, with_limits
+from bayestissue.recordings.dataset.source_files import Source
 
 WORKBOOK = "impacts.xlsx"
 
@@ -256,7 +257,9 @@ def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
     needs_velocity = settings is not None and settings.needs_velocity
     signal = settings.signal if settings else None
     with collected(problems):
-        table = read_impacts(impacts, needs_velocity=needs_velocity, stated=signal)
+        source = Source.at(impacts, remedy=REMEDY, stated=signal)
+        cells, rows = read_cells(source, required_columns(needs_velocity=needs_velocity))
+        table = impact_table(cells, rows, needs_velocity=needs_velocity)
     if settings is None or table is None:
         raise InputError(problems + (table.problems if table else []))
     return settings, table

@@ -319,7 +319,7 @@ def _format_of(source: Source) -> Format | None:
     if suffix in FORMATS and suffix != labview.SUFFIX:
         return FORMATS[suffix]
     begin, is_labview = _begin(source.path), suffix == labview.SUFFIX
-    if labview.is_measurement(begin) or (is_labview and not labview.is_headerless(begin)):
+    if labview.is_measurement(begin, named=is_labview):
         return FORMATS[labview.SUFFIX]
     # Whoever reads a file that is not there, or empty, says so.
     if is_labview or suffix in _TABLES or is_text_of_numbers(source.path):

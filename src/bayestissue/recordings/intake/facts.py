@@ -127,12 +127,11 @@ class _FactTable:
         keys = () if FILE in names else tuple(n for n in fields if n in names and n not in NUMBERS)
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
         facts = tuple(name for name in names if name not in ((FILE, NUMBER) if FILE in names else keys))
-        table = cls(source.label, facts, records, f"{source.label}: {cells.attrs['written']}", keys)  # type: ignore[arg-type]
         if FILE not in names and not keys:
             example = next((name for name in names if name not in NUMBERS), "subject")
             value = ", ".join(names)
             raise InputError.stated("facts-of-recordings.no-key", source.label, value=value, example=example)
-        return table
+        return cls(source.label, facts, records, f"{source.label}: {cells.attrs['written']}", keys)  # type: ignore[arg-type]
 
     def cells_of(self, file: RecorderFile, from_name: Mapping[str, str]) -> dict[int | None, dict[str, str]]:
         """The facts of a file, by the number of the impact where the table has that column; none without one.

@@ -28,14 +28,10 @@ _MEASUREMENT, _END, _CHANNELS = "LabVIEW Measurement", b"***End_of_Header***", "
 _EMPTY = ("", "\t", ",", ";")
 
 
-def is_measurement(begin: bytes) -> bool:
-    """Whether a file that begins so is a LabVIEW measurement with its header."""
-    return begin.removeprefix(BOM_UTF8).startswith(_MEASUREMENT.encode())
-
-
-def is_headerless(begin: bytes) -> bool:
-    """Whether a text that begins so has no header, and is a table then."""
-    return bool(begin.strip()) and _END not in begin
+def is_measurement(begin: bytes, *, named: bool) -> bool:
+    """Whether a file that begins so is a LabVIEW measurement; of that name one without a header is none."""
+    begins = begin.removeprefix(BOM_UTF8).startswith(_MEASUREMENT.encode())
+    return begins or (named and (_END in begin or not begin.strip()))
 
 
 def read_lvm(data: bytes, label: str) -> Contents:
