@@ -34,6 +34,7 @@ from bayestissue.recordings.dataset.ragged_traces import Trace
 from bayestissue.recordings.dataset.read import checked_dataset, in_words
 from bayestissue.recordings.dataset.recorders import at_own_clock, clocks_beside, long_reading, on_first_clock
 from bayestissue.recordings.dataset.recordings import Reading
+from bayestissue.recordings.dataset.source_files import plain_text
 
 # What messages call the tables, and the keys in them.
 _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
@@ -166,17 +167,6 @@ def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
     columns = [[plain_text(value) for value in table.iloc[:, column]] for column in range(table.shape[1])]
     body = [list(record) for record in zip(*columns, strict=True)]
     return [str(name).strip() for name in table.columns], body
-
-
-def plain_text(value: Any) -> str:
-    """A cell as a file has it: every digit of a number, nothing where one is missing."""
-    value = value.item() if isinstance(value, np.generic) else value
-    # Only what is no number differs from itself.
-    if value is None or value is pd.NA or value is pd.NaT or value != value:
-        return ""
-    if isinstance(value, float):
-        return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-    return str(value).strip()
 
 
 def _columns(

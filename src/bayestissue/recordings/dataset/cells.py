@@ -83,11 +83,15 @@ def in_whatever_case(name: str, columns: Iterable[str]) -> str:
     return alike(name, columns)
 
 
+def nearest(name: str, columns: Sequence[str]) -> str:
+    """The column that a name resembles most, in whatever case; empty where it resembles none."""
+    small = {column.lower(): column for column in reversed(columns)}
+    return next((small[near] for near in difflib.get_close_matches(name.lower(), small, n=1)), "")
+
+
 def no_column(strange: Sequence[str], columns: Sequence[str]) -> str:
     """That there are no columns of these names, with those that are near, as a clause."""
-    small = {column.lower(): column for column in columns}
-    near = [difflib.get_close_matches(name.lower(), list(small), n=1) for name in strange]
-    meant = ", ".join(small[name] for names in near for name in names)
+    meant = ", ".join(filter(None, (nearest(name, columns) for name in strange)))
     return f"there is no column {', '.join(strange)}" + (f"; {meant} is near" if meant else "")
 
 
@@ -196,16 +200,14 @@ def column_problems(
         stated: whether the row of the names can be stated.
     """
     problems, listed = [], ", ".join(names) or "no column names"
-    written = {column.lower(): column for column in reversed(names)}
     for name in [name for name in wanted if name not in names]:
         numbered = re.compile(rf"{re.escape(name)} \(column \d+\)")
         if places := ", ".join(filter(numbered.fullmatch, names)):
             problems.append(Problem.stated("column-names.place", label, row or 1, name, name, names=places))
             continue
-        near = difflib.get_close_matches(name.lower(), list(written), n=1)
-        hint: dict[str, Any] = {"alike": written[near[0]], "case": ""} if near else {}
-        if near == [name.lower()]:
-            hint["case"] = " Capital and small letters differ."
+        near = nearest(name, names)
+        case = " Capital and small letters differ." if near.lower() == name.lower() else ""
+        hint: dict[str, Any] = {"alike": near, "case": case} if near else {}
         kind = "alike" if near else "recording" if stated else "none"
         problems.append(
             Problem.stated(f"missing-column.{kind}", label, row or 1, value=listed, name=name, **hint)

@@ -18,6 +18,9 @@ from datetime import datetime, time, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import pandas as pd
+
 from bayestissue.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -373,12 +376,18 @@ def _time_of(cell: Any, days: object) -> Any:
 
 def _csv(rows: Sequence[Sequence[object]]) -> bytes:
     text = io.StringIO(newline="")
-    csv.writer(text, lineterminator="\n").writerows([[_cell(cell) for cell in row] for row in rows])
+    # A cell of several lines would make the numbers of rows other ones than those of the sheet.
+    lines = [[" ".join(plain_text(cell).split()) for cell in row] for row in rows]
+    csv.writer(text, lineterminator="\n").writerows(lines)
     return text.getvalue().encode()
 
 
-def _cell(cell: object) -> str:
-    if isinstance(cell, float):
-        return str(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
-    # A cell of several lines would make the numbers of rows other ones than those of the sheet.
-    return " ".join(str(cell).split())
+def plain_text(value: Any) -> str:
+    """A cell as a file has it: every digit of a number, nothing where one is missing."""
+    value = value.item() if isinstance(value, np.generic) else value
+    # Only what is no number differs from itself.
+    if value is None or value is pd.NA or value is pd.NaT or value != value:
+        return ""
+    if isinstance(value, float):
+        return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+    return str(value).strip()

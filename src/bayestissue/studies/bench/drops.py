@@ -25,7 +25,6 @@ from bayestissue.base.results.files import whole_file
 from bayestissue.base.results.tables import csv_text
 from bayestissue.base.settings import parse_toml, read_text
 from bayestissue.recordings.dataset import Dataset
-from bayestissue.recordings.dataset.arrays import plain_text
 from bayestissue.recordings.dataset.cells import FILE as IMPACTS
 from bayestissue.recordings.dataset.cells import Records, read_cells
 from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
@@ -34,7 +33,7 @@ from bayestissue.recordings.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.recordings.dataset.left_out import left_out_text, reasons, write_left_out
 from bayestissue.recordings.dataset.read import checked_dataset
 from bayestissue.recordings.dataset.recorders import read_files
-from bayestissue.recordings.dataset.source_files import Source, suffix_of
+from bayestissue.recordings.dataset.source_files import Source, plain_text, suffix_of
 from bayestissue.recordings.dataset.write import settings_text
 from bayestissue.recordings.intake.build import FIRST, RECORDINGS, cut
 from bayestissue.recordings.intake.facts import Cells
