@@ -110,6 +110,7 @@ def in_parts(function: Function, rows: Any, size: int, axes: int = 1) -> Any:
 def _first_rows(one: Function, rows: Any, number: Any) -> Any:
     """``one(*row)`` of the first ``number`` rows, and 0 behind them."""
 
+    @partial(jax.jit, inline=True)
     def at(index: Any) -> Any:
         return one(*jax.tree.map(lambda leaf: leaf[index], rows))
 
