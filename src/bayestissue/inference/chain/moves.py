@@ -443,6 +443,7 @@ def walk(
     """
     number, freedom = len(numbers.decision) - 1, FREEDOM + len(y)
 
+    @partial(jax.jit, inline=True)
     def at(z: Array) -> tuple[Any, Array]:
         effects = density(near.location + near.root @ z)
         return effects, effects.log_density + freedom / 2 * jnp.log1p(z @ z / FREEDOM)

@@ -25,12 +25,7 @@ FULLY = {"xla_backend_optimization_level": 3}
 compiled_quickly = partial(jax.jit, compiler_options=_QUICKLY)
 
 
-def by_row(
-    size: int,
-    *,
-    constant: int,
-    axes: int = 1,
-) -> Callable[[Function], Function]:
+def by_row(size: int, *, constant: int, axes: int = 1) -> Callable[[Function], Function]:
     """Makes a function of one row one of any number of rows along first axes, its results numpy arrays.
 
     A row is a draw, say, and its ``axes`` two if draws are [chain, draw, ...].
