@@ -72,13 +72,14 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
         # First guesses, from which the summaries start, ask for the motion.
         v = velocity[:, None] - np.cumsum(traces, axis=1) * dt[:, None]
         x = np.cumsum(v, axis=1) * dt[:, None]
-        motion = {"x": x, "v": v, "value": traces, "clipped": np.zeros_like(traces)}
+        motion = {"x": x, "v": v, "value": traces}
     else:
         made = displacement_record(traces, n_samples, first, dt, error_sd)
         motion = {"x": traces, "value": np.zeros_like(traces)}
     noise = np.exp(np.asarray(prepared.data.log_peak) + prepared.model.priors.noise.mean)
     contact, quiet = signal.contact._replace(since_s=first), signal.quiet._replace(noise_sd=noise)
-    signal = replace(signal, **motion, n_samples=n_samples, contact=contact, quiet=quiet)
+    times = {"n_samples": n_samples, "sample_number": None, "clipped": np.zeros_like(traces)}
+    signal = replace(signal, **motion, **times, contact=contact, quiet=quiet)
     return replace(prepared, data=replace(prepared.data, record=made), signal=signal)
 
 
