@@ -18,17 +18,8 @@ from bayestissue.recordings.dataset.impact_table import REFERENCE, RESERVED
 
 # What every study has, and what `bayestissue init` fills besides: counts of repeats, and heights of drops.
 USUAL = (
-    *(
-        "subject",
-        "trial",
-        "mass_kg",
-        "velocity_m_s",
-        "energy_J",
-        "diameter_m",
-        "sampling_rate_hz",
-        *REFERENCE,
-    ),
-    *("n", "repeat", *HEIGHTS),
+    *("subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "diameter_m", "sampling_rate_hz"),
+    *(*REFERENCE, "n", "repeat", *HEIGHTS),
 )
 _DATE = r"(19|20)\d{6}|\d{4}-\d\d?-\d\d?([T ].*)?|\d\d?[./]\d\d?[./]\d{2,4}( .*)?|\d\d?:\d\d(:\d\d.*)?"
 

@@ -15,6 +15,7 @@ from pydantic import (
     model_validator,
 )
 
+from bayestissue.base.declarations import sentences
 from bayestissue.base.resources import model_content
 from bayestissue.base.settings import TomlTable, checked, read_text
 from bayestissue.mechanics.elements.library import element, element_names
@@ -29,6 +30,7 @@ Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
 Discrepancy = Literal["automatic", "none", "always"]
 MassError = Literal["impact", "mass", "subject", "all"]
 REACH_PEAK = ("peak", "rebound")
+_SAID = sentences(__package__)
 
 
 class Formulas(TomlTable):
@@ -179,21 +181,14 @@ class ModelSpecification(TomlTable):
             return formulas
         extra = [parameter.name for parameter in element(info.data["element"]).extra]
         if strange := sorted(set(formulas.further) - set(extra)):
-            raise ValueError(
-                f"formulas of {', '.join(['K', 'C', *extra])}, all that this likelihood and element have, "
-                f"without {', '.join(strange)}"
-            )
+            raise _strange("formulas", ["K", "C", *extra], strange)
         return formulas
 
     @model_validator(mode="after")
     def _of_the_element(self) -> Self:
-        extra = {parameter.name: parameter for parameter in element(self.element).extra}
-        strange = sorted(set(self.priors.element) - set(extra))
-        if strange:
-            raise ValueError(
-                f"priors.element of {', '.join(extra) or 'nothing'}, all that {self.element} has besides K "
-                f"and C, without {', '.join(strange)}"
-            )
+        extra = [parameter.name for parameter in element(self.element).extra]
+        if strange := sorted(set(self.priors.element) - set(extra)):
+            raise _strange("element_priors", extra, strange, element=self.element)
         for one in refused(self.facts, ""):
             raise ValueError(one.words)
         return self
@@ -216,19 +211,11 @@ class ModelSpecification(TomlTable):
     def _of_the_formula(self) -> Self:
         terms = self.group_terms()
         if strange := [str(term) for term in self.priors.of_terms() if term not in terms]:
-            raise ValueError(
-                f"priors.sd_group and priors.sd_slope of {', '.join(map(str, terms)) or 'nothing'}, all "
-                "group terms of the formulas besides (1|subject) and (1|trial), without "
-                f"{', '.join(strange)}; those two have priors.sd_subject and priors.sd_trial"
-            )
+            raise _strange("term_priors", map(str, terms), strange)
         responses = ("K", "C", *self.formula.further)
-        if unknown := sorted(
-            name for name in self.priors.further() if name.rpartition(".")[-1] not in responses
-        ):
-            raise ValueError(
-                f"priors of {', '.join(responses)}, all that have a formula, without {', '.join(unknown)}; "
-                "an element's other parameters have a mean and a spread alone, in priors.element"
-            )
+        further = self.priors.further()
+        if unknown := sorted(name for name in further if name.rpartition(".")[-1] not in responses):
+            raise _strange("response_priors", responses, unknown)
         return self
 
     def alone(self) -> Self:
@@ -278,6 +265,12 @@ class ModelSpecification(TomlTable):
                 "sd_slope": {f"{x.slope}|{x.grouping}": pair for x, pair in terms.items() if x.slope},
             }
         ).with_further(self.formula.further)
+
+
+def _strange(key: str, known: Iterable[str], strange: Iterable[str], **words: str) -> ValueError:
+    """What a key may hold, and what it holds besides."""
+    allowed = ", ".join(known) or "nothing"
+    return ValueError(_SAID(f"allowed.{key}", known=allowed, strange=", ".join(strange), **words))
 
 
 def read_specification(path: Path) -> ModelSpecification:

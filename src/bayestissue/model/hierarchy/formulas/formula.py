@@ -303,8 +303,7 @@ def _evaluated(
     except Exception:  # as in `resolve`; each term by itself tells which it is of
         return None, _unusable(terms, rows, reference_mass_kg)
     columns, owners = covariates.columns, np.array(covariates.terms)
-    terms_of_columns = dict.fromkeys(covariates.terms)
-    infinite = [term for term in terms_of_columns if not _is_finite(columns[:, owners == term])]
+    infinite = [term for term in dict.fromkeys(owners.tolist()) if not _is_finite(columns[:, owners == term])]
     return covariates, [Fault.stated("infinite", term) for term in infinite]
 
 
@@ -442,7 +441,8 @@ def _dependent(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list
     # Categories of which there is one have no column.
     still = dict.fromkeys([*(owners[i] for i in flat), *(t for t in terms.common if t not in owners)])
     if still:
-        return [_flat(owner, rows) for owner in still]
+        mass = float(rows["mass_kg"].mean())
+        return [Fault.stated("one-mass" if t == MASS_TERM else "flat", t, mass=mass) for t in still]
     centred = columns - columns.mean(axis=0)
     spread = np.linalg.norm(centred, axis=0)
     for count in range(2, len(owners) + 1):
@@ -450,9 +450,3 @@ def _dependent(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list
         if np.linalg.svd(part, compute_uv=False)[-1] < PRECISION:
             return [Fault.stated("dependent", owners[count - 1])]
     return []
-
-
-def _flat(term: str, rows: pd.DataFrame) -> Fault:
-    if term != MASS_TERM:
-        return Fault.stated("flat", term)
-    return Fault.stated("one-mass", term, mass=float(rows["mass_kg"].mean()))

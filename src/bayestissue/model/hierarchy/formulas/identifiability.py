@@ -72,16 +72,18 @@ def missing(column: pd.Series) -> pd.Series:
 
 def no_columns(term: object, strange: Sequence[str], usable: Sequence[str]) -> Fault:
     """A term of columns that there are not."""
-    words = {"usable": ", ".join(usable), "strange": no_column(strange, usable)}
-    return Fault.stated("no-column", term, mendable=True, **words)
+    return Fault.stated(
+        "no-column", term, mendable=True, usable=", ".join(usable), strange=no_column(strange, usable)
+    )
 
 
 def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
     """A term of a column that is missing in some impacts."""
     without = rows.loc[missing(rows[column]), "impact" if "impact" in rows else column]
     where = f", such as impact {without.iloc[0]}" if "impact" in rows else ""
-    numbers = {"without": len(without), "of": len(rows), "where": where}
-    return Fault.stated("missing", term, mendable=True, column=column, **numbers)
+    return Fault.stated(
+        "missing", term, mendable=True, column=column, without=len(without), of=len(rows), where=where
+    )
 
 
 def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
