@@ -65,8 +65,8 @@ def _table(name: str, words: str) -> property:
     return property(lambda run: run.table(name), doc=words)
 
 
-def _may_lack(name: str, words: str) -> property:
-    """The same of a table that few runs have; empty where there is none."""
+def _may_lack(name: str, words: str) -> cached_property[pd.DataFrame]:
+    """The same of a table that few runs have, read once; empty where there is none."""
 
     def found(run: FitRun) -> pd.DataFrame:
         with suppress(KeyError):
@@ -76,7 +76,8 @@ def _may_lack(name: str, words: str) -> property:
             return read_table(run.folder, name)
         return typed(name, table_of_rows(name))
 
-    return property(found, doc=words)
+    found.__doc__ = words
+    return cached_property(found)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
