@@ -16,14 +16,23 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.base.declarations import general
-from bayestissue.inference.answers.grammar import Choice, Critical, Node, Operation, QuestionError, claims
+from bayestissue.inference.answers.grammar import (
+    Choice,
+    Critical,
+    Node,
+    Operation,
+    Quantity,
+    QuestionError,
+    claims,
+    nodes,
+    quantities,
+)
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import Law, Values
 from bayestissue.inference.answers.meaning import (
     alternatives,
     draws_of,
     is_response,
-    quantities,
     responses_of,
 )
 from bayestissue.inference.answers.study import Study
@@ -186,16 +195,11 @@ def _comparisons(node: Node) -> Iterator[tuple[Node, ...]]:
         first, *others = node.operands  # type: ignore[union-attr]
         sides = [(first, second) for second in others]
     for pair in sides:
-        several = any(_has_extremes(side) for side in pair)
+        parts = [part for side in pair for part in nodes(side)]
         # What is largest or least may be the same in draws that are near each other.
-        if not several and any(True for side in pair for _ in quantities(side)):
+        several = any(isinstance(part, Operation) and part.symbol in ("max", "min") for part in parts)
+        if not several and any(isinstance(part, Quantity) for part in parts):
             yield pair
-
-
-def _has_extremes(node: Node) -> bool:
-    if not isinstance(node, Operation):
-        return False
-    return node.symbol in ("max", "min") or any(map(_has_extremes, node.operands))
 
 
 def _value_if_fixed(sides: Sequence[Node], recorded: Recorded, posterior: xr.Dataset | None) -> float | None:

@@ -222,6 +222,18 @@ def parse(text: str) -> Node:
         raise QuestionError(position, text[position], _listed(error.allowed)) from None
 
 
+def nodes(node: Node) -> Iterator[Node]:
+    """A node and all that it is made of, from left to right."""
+    yield node
+    for operand in node.operands if isinstance(node, Operation) else ():
+        yield from nodes(operand)
+
+
+def quantities(node: Node) -> Iterator[Quantity]:
+    """The quantities of a question, from left to right."""
+    return (one for one in nodes(node) if isinstance(one, Quantity))
+
+
 def claims(node: Node) -> bool:
     """Whether a node is true or false, and not a number."""
     return isinstance(node, Operation) and node.claims
@@ -255,12 +267,6 @@ def _made(symbol: str, operands: list[Node], position: int, *, claim: bool) -> O
         actual = f"parts within parts, {depth} deep"
         raise QuestionError(position, actual, f"at most {DEEPEST}", "Ask it in parts.")
     return Operation(symbol, tuple(operands), position, depth)
-
-
-def _nodes(node: Node) -> Iterator[Node]:
-    yield node
-    for operand in node.operands if isinstance(node, Operation) else ():
-        yield from _nodes(operand)
 
 
 def _require_ascending(low: Node, high: Node) -> None:
@@ -326,7 +332,7 @@ class _Maker:
         if not isinstance(claim, Operation) or claim.symbol not in COMPARISONS:
             expected = f"one of {' '.join(COMPARISONS)} between two numbers"
             raise QuestionError(claim.position, "no single comparison", expected)
-        if any(isinstance(node, Critical) for node in _nodes(claim)):
+        if any(isinstance(node, Critical) for node in nodes(claim)):
             raise QuestionError(claim.position, f"{CRITICAL}() within {CRITICAL}()", "a claim without one")
         return Critical(CRITICAL, (claim,), column.position, claim.depth + 1, column.name)
 

@@ -30,10 +30,11 @@ from bayestissue.inference.answers.grammar import (
     Level,
     Node,
     Number,
-    Operation,
     Quantity,
     QuestionError,
     claims,
+    nodes,
+    quantities,
 )
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, beyond, unfit_height
@@ -196,15 +197,6 @@ def as_recorded(node: Node, recorded: Recorded, posterior: xr.Dataset | None) ->
     return replace(node, levels=tuple(map(named, node.levels)))
 
 
-def quantities(node: Node) -> Iterator[Quantity]:
-    """The quantities of a question, from left to right."""
-    if isinstance(node, Quantity):
-        yield node
-    elif not isinstance(node, Number):
-        for operand in node.operands:
-            yield from quantities(operand)
-
-
 def at_level(node: Node, column: str, value: str | None, position: int) -> Node:
     """A question in which every quantity that does not name a column has this level of it.
 
@@ -275,10 +267,8 @@ def _of_critical(node: Critical, recorded: Recorded) -> Iterator[QuestionError]:
 
 def searched(node: Node) -> set[Quantity]:
     """The quantities of a question whose motion is what is asked."""
-    if isinstance(node, Critical):
-        return set(quantities(node))
-    operands = node.operands if isinstance(node, Operation) else ()
-    return {quantity for operand in operands for quantity in searched(operand)}
+    searches = (one for one in nodes(node) if isinstance(one, Critical))
+    return {quantity for search in searches for quantity in quantities(search)}
 
 
 def _open(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) -> list[str]:

@@ -38,6 +38,7 @@ from bayestissue.inference.answers.grammar import (
     QuestionError,
     claims,
     parse,
+    quantities,
 )
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, fall_height, moving
@@ -52,7 +53,6 @@ from bayestissue.inference.answers.meaning import (
     draws_of,
     is_response,
     mistakes,
-    quantities,
     require_motions,
     responses_of,
     searched,

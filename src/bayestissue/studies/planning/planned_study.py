@@ -10,9 +10,9 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.base.errors import InputError, Problem, collected
-from bayestissue.inference.answers.grammar import Choice, Quantity, QuestionError, claims, parse
+from bayestissue.inference.answers.grammar import Choice, Quantity, QuestionError, claims, parse, quantities
 from bayestissue.inference.answers.law import MOTION, Law
-from bayestissue.inference.answers.meaning import quantities, searched
+from bayestissue.inference.answers.meaning import searched
 from bayestissue.inference.answers.questions import (
     Question,
     outcomes_in,
