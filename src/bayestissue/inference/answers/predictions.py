@@ -251,7 +251,9 @@ def read_conditions(table: str | Path | pd.DataFrame, study: Study) -> list[Cond
         label = str(table)
         remedy = "Write one: a header with columns of impacts.csv, and a row for each new impact."
         cells, rows = read_cells(Source.at(path, label, remedy=remedy), keep_empty=True)
-    usable = _usable(recorded)
+    # A height in another unit, which no formula is of, would move nothing.
+    moves = [n for n in map(str, recorded.rows) if n in recorded.needed or not n.startswith("drop_height")]
+    usable = list(dict.fromkeys([*moves, *_POSITIVE]))
     named = [in_whatever_case(name, usable) for name in map(str, cells)]
     # Of a column that stands there in two cases neither is the other.
     cells.columns = [new if named.count(new) == 1 else old for old, new in zip(cells, named, strict=True)]
@@ -282,13 +284,6 @@ def _text(value: object) -> str:
 
 def _is_number(name: str, recorded: Recorded) -> bool:
     return name in _POSITIVE or (name in recorded.rows and name not in recorded.named)
-
-
-def _usable(recorded: Recorded) -> list[str]:
-    """The columns that may be given."""
-    # A height in another unit, which no formula is of, would move nothing.
-    moves = [n for n in map(str, recorded.rows) if n in recorded.needed or not n.startswith("drop_height")]
-    return list(dict.fromkeys([*moves, *_POSITIVE]))
 
 
 def _columns(cells: pd.DataFrame, usable: Sequence[str], label: str) -> Iterator[Problem]:

@@ -195,7 +195,7 @@ def judge_added_mass(prepared: Prepared, posterior: xr.Dataset, prior: xr.Datase
     overlap = prior_overlap(posterior[mean].to_numpy(), prior[mean].to_numpy())
     by_force = prepared.force is not None and tells_added_mass(prepared.force, which.name)
     informed = bool(overlap <= MOSTLY)
-    low, middle, high = np.quantile(np.exp(posterior[mean].to_numpy()), (0.05, 0.5, 0.95))
+    low, middle, high = np.quantile(np.exp(posterior[mean].to_numpy()), _INTERVAL)
     numbers = {
         "name": name,
         "overlap": f"{100 * overlap:.0f} %",
