@@ -55,6 +55,19 @@ def test_a_file_packs_predictions_and_leaves_draws_as_they_are(tmp_path) -> None
         xr.testing.assert_identical(again.load(), tree)
 
 
+def test_a_file_keeps_text_single_numbers_and_what_is_empty(tmp_path) -> None:
+    words = xr.Dataset(
+        {"mass_kg": ("impact", [1.0, np.nan]), "n": ((), 3), "site": ("impact", ["Ferse", "größer"])},
+        {"impact": ["a", "b"]},
+        {"made": 1},
+    )
+    nothing = xr.Dataset({"K": ("level", np.zeros(0), {"unit": "N/m"})}, {"level": np.array([], str)})
+    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs={"of": "ä"}), "words": words, "nothing": nothing})
+    write_tree(tree, tmp_path / "posterior.nc")
+    with xr.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as again:
+        xr.testing.assert_identical(again.load(), tree)
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_trace_that_is_all_nan_stays_so() -> None:
     assert np.isnan(rounded(np.full((4, 1, 9), np.nan))).all()

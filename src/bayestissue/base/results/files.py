@@ -48,6 +48,8 @@ def write_tree(tree: Any, path: Path) -> None:
 
 
 def _write_group(dataset: Any, group: Any) -> None:
+    import h5py
+
     group.attrs.update(dataset.attrs)
     for name, size in dataset.sizes.items():
         if name not in dataset.variables:
@@ -56,8 +58,9 @@ def _write_group(dataset: Any, group: Any) -> None:
     # Coordinates first: they are the scales of what follows.
     for name, variable in {**dataset.coords, **dataset.data_vars}.items():
         values = variable.to_numpy()
-        text, packing = values.dtype.kind == "U", _PACKED if values.dtype == "float32" else {}
-        stored = group.create_dataset(name, data=values.astype("O") if text else values, **packing)
+        kind = h5py.string_dtype() if values.dtype.kind in "OU" else values.dtype
+        packing = _PACKED if kind == "float32" else {}
+        stored = group.create_dataset(name, data=values.astype(kind, copy=False), dtype=kind, **packing)
         stored.attrs.update(variable.attrs)
         if values.dtype.kind == "f":
             stored.attrs.create("_FillValue", float("nan"), (1,), values.dtype)
