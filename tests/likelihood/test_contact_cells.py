@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -170,6 +171,36 @@ def test_density_is_the_integral_over_all_cells(name: str, reach: int) -> None:
     expected = [density_of_row(given, name, row) for row in range(2)]
     # Both are good to the differences that the oracle takes: a millionth of a trace's product over sigma^2.
     assert found == pytest.approx(expected, abs=1e-3)
+
+
+def with_place(record: DecelerationRecord, by: jax.Array) -> DecelerationRecord:
+    """The same where contact is so many intervals before the middle of the cell that it is in."""
+    contact = record.contact
+    known = contact._replace(uniform=contact.uniform & False)
+    return record._replace(contact=known, interval=record.dt).with_contact_earlier(by)
+
+
+def test_a_place_in_each_cell_has_the_density_of_that_moment_in_each() -> None:
+    given, by = measured("maxwell", CELLS), np.array([0.3, -0.4])
+    found = log_prob(replace(given, record=with_place(given.record, jnp.asarray(by))))
+    for row, earlier in enumerate(by):
+        moments = (np.arange(CELLS) + 0.5 + earlier) * DT
+        expected = logsumexp([density_about(given, "maxwell", row, each)(each) for each in moments])
+        # To the differences that the oracle takes, as above.
+        assert found[row] == pytest.approx(expected, abs=1e-3)
+
+
+def test_slopes_by_a_place_in_each_cell_are_those_of_differences() -> None:
+    given, by, h = measured("maxwell", CELLS), jnp.array([0.3, -0.4]), 1e-5
+
+    @jax.jit
+    def density(by: jax.Array) -> jax.Array:
+        return replace(given, record=with_place(given.record, by)).log_density()
+
+    slope = jnp.diag(jax.jit(jax.jacrev(density))(by))
+    ends = [density(by + side * h) for side in (1, -1)]
+    # Third derivatives of a log density of a few thousand, and its rounding over 2 h.
+    np.testing.assert_allclose(slope, (ends[0] - ends[1]) / (2 * h), atol=1e-3, rtol=1e-5)
 
 
 def test_slopes_are_those_of_differences() -> None:

@@ -320,11 +320,13 @@ def _deceleration_record(
     """The record of decelerations, ``velocity_sd`` being that of velocity and gain together."""
     low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
     start, estimated = signal.contact, _estimates_contact(dataset, specification, signal)
-    elsewhere = ~(estimated & (start.interval_s > 0))
+    interval = signal.dt if reach else start.interval_s
+    elsewhere = ~(estimated & (interval > 0))
     known = Contact.known(start.bracket_uniform & elsewhere)
     begin = _Beginning(known, np.where(elsewhere, start.bracket_sd, 0.0), offset_sd)
     if reach:
-        begin = _in_cells(dataset, specification, signal, offset_sd, reach)
+        place = signal.phase.place if signal.phase.known else 0.5 if estimated else None
+        begin = _in_cells(dataset, specification, signal, offset_sd, reach, place)
     errors, velocity_share = _errors(dataset, specification, signal, velocity_sd, begin, force, reach)
     gravity = {GRAVITY: signal.gravity} if dataset.gravity else {}
     record = DecelerationRecord.from_arrays(
@@ -352,7 +354,7 @@ def _deceleration_record(
         low_pass=low_pass,
         uneven=_uneven_times(signal, reach),
         clipped=jnp.asarray(signal.clipped) if signal.clipped.any() else None,
-        interval=jnp.asarray(start.interval_s) if estimated else None,
+        interval=jnp.asarray(interval) if estimated else None,
         force=None if force is None else jax.tree.map(jnp.asarray, force.rows),
     )
 
@@ -379,6 +381,7 @@ def _in_cells(
     signal: Displacements,
     offset_sd: np.ndarray,
     reach: int,
+    place: float | None,
 ) -> _Beginning:
     """Contact in any of so many sampling intervals before the first sample.
 
@@ -392,7 +395,6 @@ def _in_cells(
     before = before[:, before.shape[1] - reach :]
     n_before = np.minimum(signal.before.n_samples, reach)
     n_quiet = np.maximum(n_before - signal.before.n_since_quiet, 0)
-    sample = signal.phase.place if signal.phase.known else None
     share = white_share(dataset, signal) if recorder is not None else 1.0
     if recorder is not None and share < 1:
         rows = reach + signal.deceleration.shape[1]
@@ -402,9 +404,9 @@ def _in_cells(
         return _Beginning(contact, contact_sd, offset_sd, (colour, rate))
     if specification.discrepancy != "always":
         noise_sd = np.maximum(signal.quiet.noise_sd, 1e-12)
-        contact = Contact.anywhere(before, n_before, noise_sd, sample, n_quiet)
+        contact = Contact.anywhere(before, n_before, noise_sd, place, n_quiet)
     else:
-        contact = Contact.anywhere(before, np.zeros_like(n_before), sample=sample)
+        contact = Contact.anywhere(before, np.zeros_like(n_before), place=place)
     return _Beginning(contact, contact_sd, offset_sd)
 
 
@@ -463,11 +465,13 @@ def _estimates_contact(dataset: Dataset, specification: ModelSpecification, sign
     """Whether the place of contact in its sampling interval is a parameter of each impact.
 
     Where it is to be estimated, and where samples are so few that a trace is not linear in an error of it.
-    Not where contact may lie in several intervals, of which each has the same places.
+    Where contact may lie in several intervals, as noise hides a jump, its place is the same in each of them.
     """
-    asked = signal.phase.kind == "undecided" or (signal.phase.kind == "between" and _bent(signal))
-    within = asked and bool((signal.contact.interval_s > 0).any())
-    return within and not _low_pass_and_reach(dataset, specification, signal)[1]
+    undecided = signal.phase.kind == "undecided"
+    if _low_pass_and_reach(dataset, specification, signal)[1]:
+        return undecided and element(specification.element).jumps and not signal.uneven.any()
+    asked = undecided or (signal.phase.kind == "between" and _bent(signal))
+    return asked and bool((signal.contact.interval_s > 0).any())
 
 
 def _bent(signal: Displacements) -> bool:

@@ -349,7 +349,9 @@ def _integrated(
     # falls the same way whenever it began, and least squares have too small an error.
     bracketed &= d[:, 0] < CONTACT.most_jump * np.where(inside, d, 0.0).max(axis=1)
     at_zero = np.abs(part.start[:, None] - np.array([0.0, 1.0]) * dt[:, None]) < 1e-6 * dt[:, None]
-    return signal, ContactEvidence(start.free, start.free_sd, start.by_velocity, dt, bracketed, at_zero)
+    return signal, ContactEvidence(
+        start.free, start.free_sd, start.by_velocity, dt, bracketed, onset.blurred, at_zero
+    )
 
 
 def _recorded(recordings: ImpactTraces, options: SignalOptions) -> Displacements:

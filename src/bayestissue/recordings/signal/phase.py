@@ -17,8 +17,11 @@ nothing is said.
 
 Where no account has 95 % contact is estimated, with t_i = (1/2 + f_i) D and f_i normal with unknown mean and
 spread over the impacts. A mean of 0 and a spread of 0.29 are anywhere in the interval, a small spread is one
-place in all impacts, and a mean of -1/2 or 1/2 is a sample. A fit samples f_i with its mean and spread. For
-an impact by itself both are as the least squares of all impacts have them, and f_i is normal about that mean.
+place in all impacts, and a mean of -1/2 or 1/2 is a sample. A fit samples f_i with its mean and spread, also
+where noise hides a jump of the force, and contact may be in any of several intervals, at the same f_i in each
+of them: contact at a sample is at the end of what noise leaves, and with all moments as likely 90 % intervals
+of C held half of the time. For an impact by itself both are as the least squares of all impacts have them,
+and f_i is normal about that mean.
 To take the likeliest account alone would be as if it were certain: of single recordings with contact at a
 sample and 1 % of noise on it, 90 % intervals of C then held 47 %. To let each impact have its own odds would
 forget that they share a recorder.
@@ -48,6 +51,7 @@ class ContactEvidence(NamedTuple):
         by_velocity: by how much that grows where the velocity is greater than stated, s per fraction of it.
         dt: the sampling interval, s.
         bracketed: contact was in the one interval before the first sample in contact.
+        blurred: noise hides in which interval it was.
         at_zero: the clock's 0 is at the first sample in contact (column 0), or at the one before (column 1).
     """
 
@@ -56,6 +60,7 @@ class ContactEvidence(NamedTuple):
     by_velocity: Column
     dt: Column
     bracketed: Mask
+    blurred: Mask
     at_zero: Float[np.ndarray, "impact 2"]
 
 
@@ -114,9 +119,10 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
     if declared == "between":
         return BETWEEN
     if not (evidence.bracketed.any() or declared):
-        # Where the clock begins at contact, as whoever cut the recordings had it, no trace has to tell.
-        cut = bool(evidence.at_zero.all(axis=0).any())
-        return Phase("undecided", sd=float(np.hypot(PHASE.mean_sd, PHASE.spread))) if cut else BETWEEN
+        # Where the clock begins at contact, as whoever cut the recordings had it, no trace has to tell; where
+        # noise hides contact none can by itself.
+        untold = evidence.at_zero.all(axis=0).any() or evidence.blurred.any()
+        return Phase("undecided", sd=float(np.hypot(PHASE.mean_sd, PHASE.spread))) if untold else BETWEEN
     prior = np.where(evidence.at_zero[evidence.bracketed].all(axis=0), PHASE.on_sample, 0.0)
     if not prior.any():
         prior[:] = PHASE.on_sample / 2
@@ -186,8 +192,9 @@ def _in_intervals(
         part[evidence.bracketed] / evidence.dt[evidence.bracketed]
         for part in (evidence.before_s, evidence.sd, evidence.by_velocity)
     )
-    quantiles = norm.ppf(_even(nodes))[:, None]
-    return t + quantiles * moved * velocity_sd[evidence.bracketed], np.hypot(s, PHASE.least_sd)
+    by_velocity = moved * velocity_sd[evidence.bracketed]
+    common = norm.ppf(_even(nodes))[:, None] * by_velocity
+    return t + common, np.sqrt(s**2 + by_velocity**2 + PHASE.least_sd**2)
 
 
 def _log_within(t: np.ndarray, width: float, sd: Column) -> np.ndarray:

@@ -58,7 +58,8 @@ class Contact(NamedTuple):
         quiet_log_density: of these samples as a quiet part of the recorder's noise, which the likelihood is
             relative to where noise is white; else 0.
         fraction: where contact lies in an interval of ``before``, from its end and as a fraction of it: its
-            middle, where ``uniform``; 0 or 1 at a sample, the first of which then is in contact.
+            middle, where ``uniform``; 0 or 1 at a sample, the first of which then is in contact; or where a
+            parameter has it.
     """
 
     uniform: Bool[Array, " impact"]
@@ -83,20 +84,20 @@ class Contact(NamedTuple):
         before: Float[np.ndarray, "impact reach"],
         n_before: Int[np.ndarray, " impact"],
         quiet_sd: Float[np.ndarray, " impact"] | None = None,
-        sample: float | None = None,
+        place: float | None = None,
         n_quiet: Int[np.ndarray, " impact"] | int = 0,
     ) -> Contact:
         """In any of the intervals of ``before``; with the noise's standard deviation in a quiet part.
 
-        At a sample, where it is known to be, with ``sample`` as ``fraction``.
+        At one place in each of them, where that is known or a parameter, with ``place`` as ``fraction``.
         """
         counts = np.arange(before.shape[1]) >= before.shape[1] - np.asarray(n_before)[:, None]
         early, density = np.where(counts, before, 0.0), np.zeros(len(before))
         if quiet_sd is not None:
             density = -(n_before * (LOG_2PI + 2 * np.log(quiet_sd)) + (early**2).sum(1) / quiet_sd**2) / 2
         uniform, fraction = (
-            np.full(len(before), sample is None),
-            np.full(len(before), 0.5 if sample is None else sample),
+            np.full(len(before), place is None),
+            np.full(len(before), 0.5 if place is None else place),
         )
         of_quiet = np.broadcast_to(n_quiet, len(before))
         parts: Any = (uniform, early, n_before, of_quiet, density, fraction)
@@ -397,19 +398,24 @@ class DecelerationRecord(NamedTuple):
         """What the samples at both ends of contact's interval say of its place: it is between them.
 
         The earlier one shows no force and the later one does. The likelihood of the others goes on smoothly
-        beyond, as this does, so that a place at a sample is as likely as any.
+        beyond, as this does, so that a place at a sample is as likely as any. Of several intervals none is
+        bounded: beyond it is the next.
         """
-        if self.earlier is None or self.interval is None:
+        if self.earlier is None or self.interval is None or self.contact.reach:
             return 0.0
         beyond = jnp.maximum(jnp.abs(self.earlier) - (0.5 + _CLEAR), 0.0)
         return jnp.where(self.interval > 0, -jnp.square(beyond / _CLEAR) / 2, 0.0)
 
     def with_first_time(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
-        """The same traces, all of them, with contact so long before the first sample [s]."""
-        force = self.force
+        """The same traces, all of them, with contact so long before the first sample [s].
+
+        Where contact may be in any of several intervals, its place in each of them moves by as much.
+        """
+        force, later = self.force, (first_time - self.first_time) / self.dt
         if force is not None:
             force = force._replace(first_time=force.first_time + first_time - self.first_time)
-        return self._replace(first_time=first_time, force=force)
+        contact = self.contact._replace(fraction=self.contact.fraction + later)
+        return self._replace(first_time=first_time, force=force, contact=contact)
 
     def inside(self) -> Bool[Array, "impact sample"]:
         """True where there is a sample."""
