@@ -58,7 +58,7 @@ def test_a_file_packs_predictions_and_leaves_draws_as_they_are(tmp_path) -> None
 def test_a_file_keeps_text_single_numbers_and_what_is_empty(tmp_path) -> None:
     words = xr.Dataset(
         {"mass_kg": ("impact", [1.0, np.nan]), "n": ((), 3), "site": ("impact", ["Ferse", "größer"])},
-        {"impact": ["a", "b"]},
+        {"impact": ["a", "b"], "side": ("impact", ["left", "right"])},
         {"made": 1},
     )
     nothing = xr.Dataset({"K": ("level", np.zeros(0), {"unit": "N/m"})}, {"level": np.array([], str)})

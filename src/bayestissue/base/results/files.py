@@ -49,14 +49,18 @@ def write_tree(tree: Any, path: Path) -> None:
 
 def _write_group(dataset: Any, group: Any) -> None:
     import h5py
+    from xarray.conventions import encode_dataset_coordinates
 
-    group.attrs.update(dataset.attrs)
+    # Coordinates that are no dimension's are named in attributes.
+    variables, attributes = encode_dataset_coordinates(dataset)
+    group.attrs.update(attributes)
     for name, size in dataset.sizes.items():
         if name not in dataset.variables:
             words = f"This is a netCDF dimension but not a netCDF variable.{size:10d}"
             group.create_dataset(name, (size,), ">f4").make_scale(words)
     # Coordinates first: they are the scales of what follows.
-    for name, variable in {**dataset.coords, **dataset.data_vars}.items():
+    for name in (*dataset.coords, *dataset.data_vars):
+        variable = variables[name]
         values = variable.to_numpy()
         kind = h5py.string_dtype() if values.dtype.kind in "OU" else values.dtype
         packing = _PACKED if kind == "float32" else {}
