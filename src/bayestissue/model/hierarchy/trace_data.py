@@ -325,8 +325,7 @@ def _deceleration_record(
     known = Contact.known(start.bracket_uniform & elsewhere)
     begin = _Beginning(known, np.where(elsewhere, start.bracket_sd, 0.0), offset_sd)
     if reach:
-        place = signal.phase.place if signal.phase.known else 0.5 if estimated else None
-        begin = _in_cells(dataset, specification, signal, offset_sd, reach, place)
+        begin = _in_cells(dataset, specification, signal, offset_sd, reach)
     errors, velocity_share = _errors(dataset, specification, signal, velocity_sd, begin, force, reach)
     gravity = {GRAVITY: signal.gravity} if dataset.gravity else {}
     record = DecelerationRecord.from_arrays(
@@ -381,7 +380,6 @@ def _in_cells(
     signal: Displacements,
     offset_sd: np.ndarray,
     reach: int,
-    place: float | None,
 ) -> _Beginning:
     """Contact in any of so many sampling intervals before the first sample.
 
@@ -389,7 +387,8 @@ def _in_cells(
     are of one sampling interval: over three a trace is not linear in the moment, and of traces of sixty
     samples 90 % intervals of Hunt and Crossley's C then held 85 %.
     """
-    recorder = dataset.recorder
+    recorder, estimated = dataset.recorder, _estimates_contact(dataset, specification, signal)
+    place = signal.phase.place if signal.phase.known else 0.5 if estimated else None
     contact_sd = reach * signal.dt / np.sqrt(12)
     before = np.pad(signal.before.value, ((0, 0), (max(0, reach - BEFORE), 0)))
     before = before[:, before.shape[1] - reach :]
