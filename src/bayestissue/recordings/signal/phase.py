@@ -192,9 +192,8 @@ def _in_intervals(
         part[evidence.bracketed] / evidence.dt[evidence.bracketed]
         for part in (evidence.before_s, evidence.sd, evidence.by_velocity)
     )
-    by_velocity = moved * velocity_sd[evidence.bracketed]
-    common = norm.ppf(_even(nodes))[:, None] * by_velocity
-    return t + common, np.sqrt(s**2 + by_velocity**2 + PHASE.least_sd**2)
+    quantiles = norm.ppf(_even(nodes))[:, None]
+    return t + quantiles * moved * velocity_sd[evidence.bracketed], np.hypot(s, PHASE.least_sd)
 
 
 def _log_within(t: np.ndarray, width: float, sd: Column) -> np.ndarray:
