@@ -21,8 +21,8 @@ from bayestissue.model.likelihood.linear_errors import LOG_2PI, part_of
 
 # Among the errors of the measuring chain; the gain, if it is another than the velocity's, is there.
 VELOCITY, GAIN, OFFSET, CONTACT = 0, 1, -2, -1
-# By so much of an interval contact may seem to be beyond it. With a tenth, places of twenty impacts on a sample
-# drew their mean to the middle, and 90 % intervals of C held 80 % at ten samples and 1 % of noise.
+# By so much of an interval contact may seem to be beyond it. With a tenth, places of twenty impacts on a
+# sample drew their mean to the middle, and 90 % intervals of C held 80 % at ten samples and 1 % of noise.
 _CLEAR = 0.5
 _MERGED = {
     "velocity_error": "velocity and gain",
