@@ -243,7 +243,7 @@ def test_what_the_recording_does_not_tell_is_empty_and_flagged(monkeypatch):
     data = made(FEW, {"noise_relative_to_peak": 0.005}).dataset("untold")
     real = single_estimates.single_posteriors
 
-    def spoilt(prepared):
+    def spoilt(prepared, _say):
         found = real(prepared)
         wide = found.C._replace(high=np.where(np.arange(FEW) == 1, 11 * found.C.low, found.C.high))
         lost = found.K._replace(high=np.where(np.arange(FEW) == 2, 11 * found.K.low, found.K.high))
@@ -275,7 +275,7 @@ def test_where_most_of_a_trial_do_not_tell_K_the_others_are_flagged(monkeypatch)
     real = single_estimates.single_posteriors
     untold = np.isin(np.arange(FEW), [0, 1, 2, 4, 5])
 
-    def spoilt(prepared):
+    def spoilt(prepared, _say):
         posteriors = real(prepared)
         K = posteriors.K._replace(high=np.where(untold, 11 * posteriors.K.low, posteriors.K.high))
         return posteriors._replace(K=K)
