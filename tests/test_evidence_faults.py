@@ -73,12 +73,13 @@ def test_a_prior_s_scale_doubled(differing, monkeypatch):
 
 
 def test_an_impact_s_part_of_a_move_accepted_by_the_wrong_ratio(differing, monkeypatch):
-    def without(proposal):
-        # As if the site were the trace.
-        return proposal._replace(log_ratio=0 * proposal.log_ratio)
+    decided = moves.decided
 
-    proposals = tuple(lambda *args, move=move: without(move(*args)) for move in moves.PROPOSALS)
-    monkeypatch.setattr(moves, "PROPOSALS", proposals)
+    def without(target, state, proposal, uniform):
+        # As if the site were the trace.
+        return decided(target, state, proposal._replace(log_ratio=0 * proposal.log_ratio), uniform)
+
+    monkeypatch.setattr(moves, "decided", without)
     assert "results differ" in differing()
 
 
