@@ -322,10 +322,11 @@ def _deceleration_record(
     start, estimated = signal.contact, _estimates_contact(dataset, specification, signal)
     interval = signal.dt if reach else start.interval_s
     elsewhere = ~(estimated & (interval > 0))
-    known = Contact.known(start.bracket_uniform & elsewhere)
+    known = Contact.known(start.bracket_uniform)
     begin = _Beginning(known, np.where(elsewhere, start.bracket_sd, 0.0), offset_sd)
     if reach:
         begin = _in_cells(dataset, specification, signal, offset_sd, reach)
+    contact = begin.contact._replace(uniform=begin.contact.uniform & elsewhere)
     errors, velocity_share = _errors(dataset, specification, signal, velocity_sd, begin, force, reach)
     gravity = {GRAVITY: signal.gravity} if dataset.gravity else {}
     record = DecelerationRecord.from_arrays(
@@ -337,7 +338,7 @@ def _deceleration_record(
         np.stack(errors, axis=1),
         signal.mass,
         _diameters(dataset) | gravity,
-        begin.contact,
+        contact,
     )
     if specification.discrepancy == "always":
         # It takes up what a wrong moment of contact does to a trace.
@@ -387,8 +388,7 @@ def _in_cells(
     are of one sampling interval: over three a trace is not linear in the moment, and of traces of sixty
     samples 90 % intervals of Hunt and Crossley's C then held 85 %.
     """
-    recorder, estimated = dataset.recorder, _estimates_contact(dataset, specification, signal)
-    place = signal.phase.place if signal.phase.known else 0.5 if estimated else None
+    recorder, place = dataset.recorder, signal.phase.place if signal.phase.known else None
     contact_sd = reach * signal.dt / np.sqrt(12)
     before = np.pad(signal.before.value, ((0, 0), (max(0, reach - BEFORE), 0)))
     before = before[:, before.shape[1] - reach :]

@@ -1,4 +1,4 @@
-"""Traces on a spring and damper side by side, at a few nodes in later of all samples.
+"""Traces on a spring and damper side by side, at a few nodes in place of all samples.
 
 With p = C / M and q = K / M an impact at unit velocity moves by x'' + p x' + q x = 0. With the time s in half
 windows from the window's middle, and p and q in the same unit, it is the series sum_k c_k s^k with

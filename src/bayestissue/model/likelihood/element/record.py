@@ -90,7 +90,7 @@ class Contact(NamedTuple):
     ) -> Contact:
         """In any of the intervals of ``before``; with the noise's standard deviation in a quiet part.
 
-        At one place in each of them, where that is known or a parameter, with ``place`` as ``fraction``.
+        At one place in each of them, where that is known, with ``place`` as ``fraction``.
         """
         counts = np.arange(before.shape[1]) >= before.shape[1] - np.asarray(n_before)[:, None]
         early, density = np.where(counts, before, 0.0), np.zeros(len(before))
@@ -412,10 +412,10 @@ class DecelerationRecord(NamedTuple):
 
         Where contact may be in any of several intervals, its place in each of them moves by as much.
         """
-        force, later = self.force, (first_time - self.first_time) / self.dt
+        force, earlier = self.force, first_time - self.first_time
         if force is not None:
-            force = force._replace(first_time=force.first_time + first_time - self.first_time)
-        contact = self.contact._replace(fraction=self.contact.fraction + later)
+            force = force._replace(first_time=force.first_time + earlier)
+        contact = self.contact._replace(fraction=self.contact.fraction + earlier / self.dt)
         return self._replace(first_time=first_time, force=force, contact=contact)
 
     def inside(self) -> Bool[Array, "impact sample"]:
