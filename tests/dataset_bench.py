@@ -55,6 +55,23 @@ class Lab:
         data = self.path(name).read_bytes()
         return (gzip.decompress(data) if name.endswith(".gz") else data).decode()
 
+    def spoil(self, case: dict[str, Any]) -> None:
+        """Change the dataset as a row of a table of cases says: by these methods, one after the other."""
+        for method, given in case.items():
+            if method != "says":
+                getattr(self, method)(*given if isinstance(given, list) else [given])
+
+    def remove(self, name: str) -> None:
+        self.path(name).unlink()
+
+    def write(self, name: str, text: str) -> None:
+        """Write a file's bytes, those of Latin-1."""
+        self.path(name).write_bytes(text.encode("latin-1"))
+
+    def append(self, name: str, text: str) -> None:
+        with self.path(name).open("a", encoding="utf-8") as file:
+            file.write(text)
+
     def row(self, name: str, number: int, change: Callable[[str], str | None]) -> None:
         """Change one row (the header is row 1) of a text file, or take it out."""
         lines = self.text(name).split("\n")
@@ -72,6 +89,37 @@ class Lab:
 
         self.row(name, row, change)
 
+    def value(self, impacts: str, formula: str) -> None:
+        """Change values by a formula of the time t, the value v and the number i of a sample."""
+        for impact in impacts:
+            self.samples(impact, lambda t, v: np.copyto(v, _computed(formula, t, v)))
+
+    def time(self, impacts: str, formula: str) -> None:
+        for impact in impacts:
+            self.samples(impact, lambda t, v: np.copyto(t, _computed(formula, t, v)))
+
+    def displacement(self, unit: str) -> None:
+        self.replace("dataset.toml", '"deceleration"', '"displacement"')
+        self.replace("dataset.toml", '"m/s^2"', f'"{unit}"')
+
+    def keep(self, impact: str, stop: int) -> None:
+        """Keep the first samples alone of one impact, behind the others."""
+        table = pd.read_csv(self.path("traces.csv"))
+        mine = table["impact"] == impact
+        pd.concat([table[~mine], table[mine].iloc[:stop]]).to_csv(self.path("traces.csv"), index=False)
+
+    def trace(self, first: str) -> None:
+        """A file for each impact in place of the table, of which the first impact has this one."""
+        for impact, part in pd.read_csv(self.path("traces.csv")).groupby("impact"):
+            part.drop(columns="impact").to_csv(self.path(f"{impact}.csv"), index=False)
+        self.remove("traces.csv")
+        self.column("trace", [first, "b.csv", "c.csv", "d.csv"])
+
+    def column(self, name: str, cells: object) -> None:
+        """Set a column of the table of impacts."""
+        impacts = pd.read_csv(self.path("impacts.csv"))
+        impacts.assign(**{name: cells}).to_csv(self.path("impacts.csv"), index=False)
+
     def samples(self, impact: str, change: Callable[[np.ndarray, np.ndarray], Any]) -> None:
         """Change the time and value of all samples of an impact in place."""
         table = pd.read_csv(self.path("traces.csv"))
@@ -80,6 +128,10 @@ class Lab:
         change(time, value)
         table.loc[mine, "time_s"], table.loc[mine, "value"] = time, value
         table.to_csv(self.path("traces.csv"), index=False)
+
+
+def _computed(formula: str, t: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return eval(formula, {"np": np}, {"t": t, "v": v, "i": np.arange(t.size)})  # noqa: S307 - of our own tables
 
 
 NAMES = ("a", "b", "c", "d")
@@ -118,13 +170,6 @@ SETTINGS: dict[str, Any] = {
     "signal": {"quantity": "deceleration", "unit": "m/s^2"},
     "uncertainty": {"relative_mass_sd": 0.01, "velocity_sd_m_s": 0.005},
 }
-
-
-@dataclass(frozen=True)
-class Outcome:
-    status: int
-    out: str
-    err: str
 
 
 def settings_of(**stated: Any) -> Settings:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.recordings.dataset import Dataset, write_dataset
+from bayestissue.recordings.dataset import Dataset
 from dataset_bench import SETTINGS, Lab, tables
 
 SIGNAL = {"quantity": SETTINGS["signal"]["quantity"], "unit": SETTINGS["signal"]["unit"]}
@@ -97,47 +97,6 @@ def test_a_write_that_fails_leaves_nothing(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def spoil_mass(impacts, traces):
-    impacts.loc[1, "mass_kg"] = -1.0
-
-
-def spoil_value(impacts, traces):
-    traces.loc[traces.index[(traces["impact"] == impacts["impact"][1]).argmax() + 17], "value"] = np.nan
-
-
-def spoil_name(impacts, traces):
-    impacts.loc[1, "impact"] = impacts.loc[0, "impact"]
-
-
-def spoil_order(impacts, traces):
-    traces.loc[5, "time_s"] = traces.loc[3, "time_s"]
-
-
-def spoil_velocity(impacts, traces):
-    impacts["velocity_m_s"] *= 10
-
-
-@pytest.mark.parametrize("spoil", [spoil_mass, spoil_value, spoil_name, spoil_order, spoil_velocity])
-def test_it_finds_what_is_found_in_a_folder(tmp_path, spoil):
-    """Of each problem all but the name of the table and the row, which counts from 0 here."""
-    impacts, traces = tables()
-    traces = traces.astype({"impact": str})
-    spoil(impacts, traces)
-    with pytest.raises(bt.InputError) as found:
-        bt.dataset(impacts, traces, **GIVEN)
-    folder = tmp_path / "folder"
-    write_dataset(folder, settings=SETTINGS, impacts=impacts, traces=traces)
-    with pytest.raises(bt.InputError) as expected:
-        bt.read_dataset(folder)
-    assert len(found.value.problems) == len(expected.value.problems)
-    for mine, theirs in zip(found.value.problems, expected.value.problems, strict=True):
-        assert (mine.impact, mine.column) == (theirs.impact, theirs.column)
-        assert mine.row == (None if theirs.row is None else theirs.row - 2)
-        assert "csv" not in str(mine)
-        assert "toml" not in str(mine)
-        assert mine.file.split(" ")[0] == theirs.file.split(".")[0]
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -216,7 +175,7 @@ def test_what_a_masked_array_hides_is_not_used():
 
 def test_bad_impacts_can_be_left_out():
     impacts, traces = tables()
-    spoil_mass(impacts, traces)
+    impacts.loc[1, "mass_kg"] = -1.0
     made = bt.dataset(impacts, traces, **GIVEN, skip_bad=True)
     assert len(made.impacts) == len(impacts) - 1
     assert made.left_out[0].row == 1

@@ -10,6 +10,7 @@ import bayestissue as bt
 from bayestissue.model.hierarchy.formulas.formula import resolve
 from bayestissue.recordings.dataset.cells import standard_names
 from bayestissue.recordings.dataset.impact_table import COLUMNS, impact_table
+from command_line import bayestissue
 from dataset_bench import SETTINGS, Lab, tables
 
 
@@ -83,14 +84,14 @@ def test_a_fit_names_the_row_of_every_empty_cell_that_a_formula_uses(holed, form
     assert "is missing in" in str(refused.value)
 
 
-def test_the_command_names_them_too_and_a_workbook_by_its_name(holed, command, tmp_path):
+def test_the_command_names_them_too_and_a_workbook_by_its_name(holed, tmp_path):
     table = pd.read_csv(holed.path("impacts.csv"))
-    ran = command("fit", holed.folder, "--out", tmp_path / "run", "--K", "sex")
+    ran = bayestissue("fit", holed.folder, "--out", tmp_path / "run", "--K", "sex")
     assert ran.status == 2
     assert "impacts.csv, row 3, column sex, impact" in ran.err
     table.to_excel(holed.path("impacts.xlsx"), index=False)
     holed.path("impacts.csv").unlink()
-    ran = command("fit", holed.folder, "--out", tmp_path / "run", "--K", "sex")
+    ran = bayestissue("fit", holed.folder, "--out", tmp_path / "run", "--K", "sex")
     assert "impacts.xlsx, row 3, column sex, impact" in ran.err
 
 

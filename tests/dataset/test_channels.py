@@ -17,7 +17,8 @@ from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset import LowPassFilter, read_dataset, write_dataset
 from bayestissue.recordings.dataset.write import settings_text
 from bayestissue.studies.checking import check
-from dataset_bench import MASSES, NAMES, RATE, SETTINGS, Outcome, deceleration, tables
+from command_line import bayestissue
+from dataset_bench import MASSES, NAMES, RATE, SETTINGS, deceleration, tables
 
 TIP, RATIO = 0.1, 1.1
 CELL = {
@@ -244,9 +245,9 @@ def test_check_calls_a_possible_force_fine(place: str) -> None:
     assert not [problem for problem in found.warnings if problem.code == "channels-disagree"]
 
 
-def test_the_command_and_its_page_show_both(tmp_path: Path, command: Callable[..., Outcome]) -> None:
+def test_the_command_and_its_page_show_both(tmp_path: Path) -> None:
     folder = bench(tmp_path / "bench")
-    outcome = command("check", folder, "--out", tmp_path / "checked")
+    outcome = bayestissue("check", folder, "--out", tmp_path / "checked")
     assert outcome.status == 0
     assert "of (M - m) a" in outcome.out
     page = (tmp_path / "checked" / "check.html").read_text()
@@ -302,10 +303,10 @@ def test_beside_a_displacement_impulses_are_compared(push_N: float, gravity: flo
     assert "Impulse against M V" in found.page()
 
 
-def test_the_command_says_it_of_a_displacement_too(tmp_path: Path, command: Callable[..., Outcome]) -> None:
+def test_the_command_says_it_of_a_displacement_too(tmp_path: Path) -> None:
     data, ratio = pressed(150.0, relative_mass_sd=0.02)
     data.write(tmp_path / "pressed")
-    outcome = command("check", tmp_path / "pressed", "--json")
+    outcome = bayestissue("check", tmp_path / "pressed", "--json")
     assert outcome.status == 0
     # Valid JSON has no word for a lag that there is none of.
     said = json.loads(outcome.out, parse_constant=pytest.fail)["force"]

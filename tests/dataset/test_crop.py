@@ -86,26 +86,3 @@ def test_what_lies_outside_may_be_spoilt(lab: Lab) -> None:
     lab.row("traces.csv", 100, lambda line: line.rsplit(",", 1)[0] + ",lost")
     with pytest.raises(InputError, match=r"row 100, column value, impact a: found \"lost\""):
         read_dataset(lab.folder)
-
-
-@pytest.mark.parametrize(
-    ("columns", "says"),
-    [
-        ({"crop_start_s": 0.02, "crop_stop_s": 0.01}, r"row 2, column crop_stop_s, impact a: found 0.01"),
-        ({"crop_start_s": "soon"}, 'column crop_start_s, impact b: found "soon"; expected a time in s'),
-        ({"crop_start_s": 9.0}, "impact c: found .*times from -0.005 to 0.0349 s.*between 9 and inf s"),
-    ],
-)
-def test_a_crop_that_can_t_be_is_refused_for_every_impact(columns: dict, says: str, lab: Lab) -> None:
-    impacts, _ = tables()
-    impacts.assign(**columns).to_csv(lab.path("impacts.csv"), index=False)
-    with pytest.raises(InputError, match=says) as refused:
-        read_dataset(lab.folder)
-    assert len(refused.value.problems) == 4
-
-
-@pytest.mark.parametrize("crop", ["[1]", "[2, 1]", '["a", "b"]', "[0, inf]", "3"])
-def test_a_crop_is_two_rising_numbers(crop: str, lab: Lab) -> None:
-    lab.replace("dataset.toml", "[signal]", f"[signal]\ncrop = {crop}")
-    with pytest.raises(InputError, match=r"signal\.crop"):
-        read_dataset(lab.folder)

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,14 +12,21 @@ import pytest
 import bayestissue as bt
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset import read_dataset, write_dataset
-from dataset_bench import NAMES, SETTINGS, Lab, Outcome, deceleration, tables
+from cases import cases
+from command_line import Outcome, bayestissue
+from dataset_bench import NAMES, RATE, SETTINGS, Lab, tables
 
 
 @pytest.mark.parametrize("trace_file", ["traces.csv", "traces.csv.gz", "traces.parquet"])
-def test_what_is_written_is_read(trace_file: str, tmp_path: Path) -> None:
+def test_what_is_written_is_read_and_the_same_content_has_the_same_hash(
+    trace_file: str, tmp_path: Path
+) -> None:
     impacts, traces = tables()
-    write_dataset(tmp_path, settings=SETTINGS, impacts=impacts, traces=traces, trace_file=trace_file)
-    dataset = bt.read_dataset(tmp_path)
+    content = {"settings": SETTINGS, "impacts": impacts, "traces": traces, "trace_file": trace_file}
+    for folder in (tmp_path / "one", tmp_path / "two"):
+        write_dataset(folder, **content)
+    dataset = bt.read_dataset(tmp_path / "one")
+    assert dataset.input_hash == bt.read_dataset(tmp_path / "two").input_hash
     pd.testing.assert_frame_equal(dataset.impacts, impacts)
     assert (dataset.name, dataset.quantity, dataset.left_out) == ("bench", "deceleration", ())
     assert dataset.uncertainty.velocity_sd_m_s == 0.005
@@ -30,19 +37,7 @@ def test_what_is_written_is_read(trace_file: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(trace.value, mine["value"])
 
 
-@pytest.mark.parametrize("trace_file", ["traces.csv.gz", "traces.parquet"])
-def test_the_same_content_gives_the_same_hash(trace_file: str, tmp_path: Path) -> None:
-    impacts, traces = tables()
-    hashes = set()
-    for name in ("one", "two"):
-        write_dataset(
-            tmp_path / name, settings=SETTINGS, impacts=impacts, traces=traces, trace_file=trace_file
-        )
-        hashes.add(read_dataset(tmp_path / name).input_hash)
-    assert len(hashes) == 1
-
-
-def test_order_of_the_table_does_not_matter(lab: Lab) -> None:
+def test_order_of_the_table_does_not_matter_and_rows_are_named_as_in_the_file(lab: Lab) -> None:
     table = pd.read_csv(lab.path("traces.csv"))
     # Impacts interleaved sample by sample, the samples of each still in their order.
     mixed = table.assign(turn=table.groupby("impact").cumcount()).sort_values(["turn", "impact"])
@@ -50,14 +45,7 @@ def test_order_of_the_table_does_not_matter(lab: Lab) -> None:
     mixed.drop(columns="turn").to_csv(lab.path("traces.csv"), index=False)
     for old, new in zip(before.traces, read_dataset(lab.folder).traces, strict=True):
         np.testing.assert_array_equal(old.value, new.value)
-
-
-def test_rows_are_named_as_in_the_file_when_impacts_are_mixed(lab: Lab) -> None:
-    table = pd.read_csv(lab.path("traces.csv"))
-    table = table.assign(turn=table.groupby("impact").cumcount()).sort_values(["turn", "impact"])
-    table = table.drop(columns="turn").astype({"value": str})
-    table.iloc[42, 2] = "?"
-    table.to_csv(lab.path("traces.csv"), index=False)
+    lab.cell("traces.csv", 44, "value", "?")
     with pytest.raises(InputError) as refused:
         read_dataset(lab.folder)
     (problem,) = refused.value.problems
@@ -85,14 +73,14 @@ def test_spreadsheet_habits_are_forgiven(lab: Lab) -> None:
     assert tuple(read_dataset(lab.folder).impacts["impact"]) == NAMES
 
 
-def test_skip_bad_leaves_out_what_is_bad(lab: Lab, command: Callable[..., Outcome], tmp_path: Path) -> None:
+def test_skip_bad_leaves_out_what_is_bad(lab: Lab, tmp_path: Path) -> None:
     lab.cell("impacts.csv", 2, "mass_kg", "0")
-    lab.samples("c", lambda time, value: np.copyto(value, -value))
+    lab.value("c", "-v")
     dataset = read_dataset(lab.folder, skip_bad=True)
     assert tuple(dataset.impacts["impact"]) == ("b", "d")
     assert len(dataset.traces) == 2
     assert {problem.impact for problem in dataset.left_out} == {"a", "c"}
-    outcome = command("check", lab.folder, "--skip-bad", "--out", tmp_path / "quality")
+    outcome = bayestissue("check", lab.folder, "--skip-bad", "--out", tmp_path / "quality")
     assert outcome.status == 0
     assert "impact a" in outcome.out
     problems = pd.read_csv(tmp_path / "quality" / "problems.csv")
@@ -107,22 +95,12 @@ def test_skip_bad_does_not_skip_what_concerns_all(lab: Lab) -> None:
 
 
 def test_skip_bad_with_nothing_left(lab: Lab) -> None:
-    for row in range(2, 6):
-        lab.cell("impacts.csv", row, "mass_kg", "0")
+    lab.column("mass_kg", 0)
     with pytest.raises(InputError, match="none left"):
         read_dataset(lab.folder, skip_bad=True)
 
 
-@pytest.mark.parametrize(
-    ("column", "value", "says"),
-    [
-        ("mass_kg", "500", "Is it in kg"),
-        ("velocity_m_s", "60", "Is it in m/s"),
-        ("skinfold_mm", "11.5?", "numbers only"),
-        ("skinfold_mm", "", "a number in every cell"),
-        ("sex", "", "a category in every cell"),
-    ],
-)
+@pytest.mark.parametrize(("column", "value", "says"), cases(__file__, "odd"))
 def test_odd_cells_are_warnings(column: str, value: str, says: str, lab: Lab) -> None:
     lab.cell("impacts.csv", 2, column, value)
     dataset = read_dataset(lab.folder, skip_bad=True)
@@ -132,79 +110,59 @@ def test_odd_cells_are_warnings(column: str, value: str, says: str, lab: Lab) ->
 
 def test_energy_that_contradicts_mass_and_velocity(lab: Lab) -> None:
     impacts, _ = tables()
-    impacts["energy_J"] = 0.5 * impacts["mass_kg"] * impacts["velocity_m_s"] ** 2
-    impacts.loc[2, "energy_J"] *= 2
-    impacts.to_csv(lab.path("impacts.csv"), index=False)
+    lab.column("energy_J", impacts["mass_kg"] * impacts["velocity_m_s"] ** 2 * np.array([0.5, 0.5, 1.0, 0.5]))
     (warning,) = read_dataset(lab.folder).warnings
     assert (warning.row, warning.column, warning.impact) == (4, "energy_J", "c")
 
 
-@pytest.mark.parametrize("bits", [8, 12, 16])
-def test_a_coarse_recorder_is_not_taken_for_clipping(bits: int, lab: Lab) -> None:
-    step = 200 / 2**bits
-    for impact in NAMES:
-        lab.samples(impact, lambda time, value: np.copyto(value, step * np.round(value / step)))
+@pytest.mark.parametrize("case", cases(__file__, "sound"))
+def test_nothing_is_left_out_for_what_a_recorder_may_do(case: dict[str, Any], lab: Lab) -> None:
+    lab.spoil(case)
     assert read_dataset(lab.folder).left_out == ()
 
 
 def test_recording_may_begin_at_contact_and_end_at_zero_velocity(lab: Lab) -> None:
-    impacts, _ = tables()
-    parts = []
-    for impact, mass, velocity in zip(
-        impacts["impact"], impacts["mass_kg"], impacts["velocity_m_s"], strict=True
-    ):
-        when, value = deceleration(mass, velocity)
-        lost = np.cumsum(value) * (when[1] - when[0])
-        inside = (when >= 0) & (lost <= velocity)
-        parts.append(pd.DataFrame({"impact": impact, "time_s": when[inside], "value": value[inside]}))
-    pd.concat(parts).to_csv(lab.path("traces.csv"), index=False)
+    table = pd.read_csv(lab.path("traces.csv"))
+    velocity = table["impact"].map(tables()[0].set_index("impact")["velocity_m_s"])
+    lost = table.groupby("impact")["value"].cumsum() / RATE
+    table[(table["time_s"] >= 0) & (lost <= velocity)].to_csv(lab.path("traces.csv"), index=False)
     assert len(read_dataset(lab.folder).traces) == len(NAMES)
 
 
-def test_an_offset_over_a_long_recording_is_no_error(lab: Lab) -> None:
-    for impact in NAMES:
-        lab.samples(impact, lambda time, value: np.add(value, 4.0, out=value))
-    assert read_dataset(lab.folder).left_out == ()
-
-
-def test_heel_strikes_pass(heel_strikes: Path, command: Callable[..., Outcome]) -> None:
+def test_heel_strikes_pass(heel_strikes: Path) -> None:
     dataset = read_dataset(heel_strikes)
     assert len(dataset.traces) == len(dataset.impacts) == 216
     assert dataset.impacts["body_mass_kg"].between(40, 120).all()
-    assert command("check", heel_strikes, "--quiet") == Outcome(0, "", "")
+    assert bayestissue("check", heel_strikes, "--quiet") == Outcome(0, "", "")
 
 
-def test_json_lists_what_the_table_shows(lab: Lab, command: Callable[..., Outcome]) -> None:
-    outcome = command("check", lab.folder, "--json")
+def test_json_lists_what_the_table_shows(lab: Lab) -> None:
+    outcome = bayestissue("check", lab.folder, "--json")
     shown = json.loads(outcome.out)
     assert (outcome.status, shown["verdict"], shown["impacts"]) == (0, "fine", 4)
     assert [row["impact"] for row in shown["quality"]] == list(NAMES)
 
 
-def test_what_is_warned_of_is_not_called_fine(lab: Lab, command: Callable[..., Outcome]) -> None:
+def test_what_is_warned_of_is_not_called_fine(lab: Lab) -> None:
     lab.cell("impacts.csv", 2, "mass_kg", "500")
-    shown = json.loads(command("check", lab.folder, "--json").out)
+    shown = json.loads(bayestissue("check", lab.folder, "--json").out)
     assert shown["warnings"]
     assert shown["verdict"] == "no errors, 1 warning"
 
 
-def test_errors_as_json(lab: Lab, command: Callable[..., Outcome]) -> None:
+def test_errors_as_json(lab: Lab) -> None:
     lab.cell("impacts.csv", 2, "mass_kg", "0")
-    outcome = command("check", lab.folder, "--json")
+    outcome = bayestissue("check", lab.folder, "--json")
     (problem,) = json.loads(outcome.err)["problems"]
     assert (outcome.status, problem["row"], problem["column"]) == (2, 2, "mass_kg")
 
 
 @pytest.mark.slow
-def test_check_writes_quality_figures(lab: Lab, command: Callable[..., Outcome], tmp_path: Path) -> None:
+def test_check_writes_quality_figures(lab: Lab, tmp_path: Path) -> None:
     out = tmp_path / "quality"
-    assert command("check", lab.folder, "--out", out).status == 0
-    assert {path.name for path in out.iterdir()} == {
-        ".bayestissue.json",
-        "quality.csv",
-        "problems.csv",
-        "check.html",
-    }
+    assert bayestissue("check", lab.folder, "--out", out).status == 0
+    written = {".bayestissue.json", "quality.csv", "problems.csv", "check.html"}
+    assert {path.name for path in out.iterdir()} == written
     quality = pd.read_csv(out / "quality.csv")
     # Noise of 0.05 m/s² from 50 quiet samples: its standard error is 10 %, so 40 % is four of them.
     np.testing.assert_allclose(quality["noise_sd_m_s2"], 0.05, rtol=0.4)
@@ -213,7 +171,7 @@ def test_check_writes_quality_figures(lab: Lab, command: Callable[..., Outcome],
     page = (out / "check.html").read_text()
     assert "bench: fine" in page
     assert page.count('class="chart"') == 1
-    refused = command("check", lab.folder, "--out", out)
+    refused = bayestissue("check", lab.folder, "--out", out)
     assert refused.status == 2
     assert "--overwrite" in refused.err
 
@@ -224,9 +182,7 @@ def test_ten_thousand_impacts_load_in_seconds(tmp_path: Path) -> None:
     when = np.arange(samples) * 2e-4 - 2e-3
     value = np.where(when > 0, 40 * np.sin(np.pi * np.maximum(when, 0) / 0.04), 0.0).round(4)
     names = [f"i{index:05d}" for index in range(count)]
-    impacts = pd.DataFrame(
-        {"impact": names, "subject": "s", "trial": "t", "mass_kg": 1.0, "velocity_m_s": 0.5}
-    )
+    impacts = pd.DataFrame({"impact": names, "subject": "s", "mass_kg": 1.0, "velocity_m_s": 0.5})
     traces = pd.DataFrame(
         {
             "impact": pd.Categorical.from_codes(np.repeat(np.arange(count), samples), names),
@@ -244,47 +200,21 @@ def test_ten_thousand_impacts_load_in_seconds(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_with_too_many_impacts_the_page_shows_the_most_suspicious(
-    lab: Lab, command: Callable[..., Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    lab: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("bayestissue.reports.pages.recordings_pages.MOST_CHECK_PANELS", 2)
-    lab.samples("c", lambda when, value: np.add(value, np.random.default_rng(0).normal(0, 1, 400), out=value))
-    assert command("check", lab.folder, "--out", tmp_path / "quality").status == 0
+    lab.value("c", "v + np.random.default_rng(0).normal(0, 1, 400)")
+    assert bayestissue("check", lab.folder, "--out", tmp_path / "quality").status == 0
     page = (tmp_path / "quality" / "check.html").read_text()
     assert "The 2 most suspicious of 4 impacts" in page
     assert ">c</td>" in page
     assert len(pd.read_csv(tmp_path / "quality" / "quality.csv")) == 4
 
 
-def test_the_words_of_a_study_are_kept(lab: Lab, tmp_path: Path) -> None:
-    with lab.path("dataset.toml").open("a") as file:
-        file.write('\n[words]\nsubject = "pad"\nimpact = "drop"\n')
+def test_words_of_a_study_and_a_site_of_published_values_are_kept(lab: Lab, tmp_path: Path) -> None:
+    lab.replace("dataset.toml", "name =", 'site = "prosthetic heel"\nname =')
+    lab.append("dataset.toml", '\n[words]\nsubject = "pad"\nimpact = "drop"\n')
     dataset = read_dataset(lab.folder)
-    assert dataset.words == {"subject": "pad", "impact": "drop"}
-    assert read_dataset(dataset.write(tmp_path / "again")).words == dataset.words
-
-
-def test_several_without_one_are_refused(lab: Lab) -> None:
-    with lab.path("dataset.toml").open("a") as file:
-        file.write('\n[words]\nsubjects = "pads"\n')
-    with pytest.raises(InputError, match="subject beside subjects"):
-        read_dataset(lab.folder)
-
-
-def test_a_site_of_published_values_is_kept(lab: Lab) -> None:
-    text = lab.path("dataset.toml").read_text(encoding="utf-8")
-    lab.path("dataset.toml").write_text(f'site = "prosthetic heel"\n{text}', encoding="utf-8")
-    dataset = bt.read_dataset(lab.folder)
-    assert dataset.site == "prosthetic heel"
-    dataset.write(lab.folder.parent / "again")
-    assert bt.read_dataset(lab.folder.parent / "again").site == "prosthetic heel"
-
-
-def test_a_site_without_published_values_is_refused_with_those_that_there_are(lab: Lab) -> None:
-    text = lab.path("dataset.toml").read_text(encoding="utf-8")
-    lab.path("dataset.toml").write_text(f'site = "calf"\n{text}', encoding="utf-8")
-    with pytest.raises(InputError) as refused:
-        bt.read_dataset(lab.folder)
-    (problem,) = refused.value.problems
-    assert (problem.row, problem.column, problem.value) == (1, "site", "calf")
-    assert problem.expected.startswith("one of heel, prosthetic heel, hip,")
-    assert problem.expected.endswith("or no site where none of them was hit")
+    for found in (dataset, read_dataset(dataset.write(tmp_path / "again"))):
+        assert found.words == {"subject": "pad", "impact": "drop"}
+        assert found.site == "prosthetic heel"

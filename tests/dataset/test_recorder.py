@@ -53,34 +53,6 @@ def test_it_is_read_written_and_taken_as_an_argument(lab: Lab, tmp_path, text, r
     assert str(recorder) in repr(data)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("order = 2", "low_pass_hz, or sae_class"),
-        ("low_pass_hz = -5", "greater than 0"),
-        ("low_pass_hz = 500\norder = 9", "8"),
-        ('low_pass_hz = 500\nkind = "elliptic"', "butterworth.*bessel"),
-        ("sae_class = 100", "60.*180.*600.*1000"),
-        ("sae_class = 180\norder = 4", "sae_class by itself"),
-        ("low_pass = 500", "low_pass_hz"),
-        ('low_pass_hz = 500\nnoise = "both"', "before.*after"),
-        ('low_pass_hz = 500\napplied = "software"', "analog.*digital"),
-    ],
-)
-def test_what_it_may_not_say_is_refused_in_one_line(lab: Lab, text, words):
-    declared(lab, text)
-    with pytest.raises(InputError, match=f"dataset.toml.*recorder.*{words}"):
-        bt.read_dataset(lab.folder)
-
-
-def test_displacements_have_none(lab: Lab):
-    declared(lab, "low_pass_hz = 500")
-    lab.replace("dataset.toml", f'quantity = "{SIGNAL["quantity"]}"', 'quantity = "displacement"')
-    lab.replace("dataset.toml", f'unit = "{SIGNAL["unit"]}"', 'unit = "m"')
-    with pytest.raises(InputError, match=r"no table \[recorder\] beside displacements"):
-        bt.read_dataset(lab.folder)
-
-
 def test_without_one_the_hash_of_arrays_is_as_it_was():
     impacts, traces = tables()
     plain, other = (
