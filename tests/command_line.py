@@ -21,6 +21,28 @@ class Outcome:
     err: str
 
 
+def options(**given: object) -> list[str]:
+    """Options by their names: a dictionary gives one for each entry, True an option alone, None nothing."""
+    words = []
+    for name, value in given.items():
+        flag = f"--{name.replace('_', '-')}"
+        if isinstance(value, dict):
+            words += [word for key, one in value.items() for word in (flag, f"{key}={_word(one)}")]
+        elif value is not None:
+            words += [flag, *([] if value is True else [_word(value)])]
+    return words
+
+
+def _word(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def init(recorded: Path, out: Path, *more: str | Path, **given: object) -> Outcome:
+    """Run ``bayestissue init`` on recordings of a deceleration, unless another quantity is given."""
+    said = options(**{"quantity": "deceleration"} | given)
+    return bayestissue("init", recorded, "--out", out, *said, *more)
+
+
 def bayestissue(*arguments: str | Path) -> Outcome:
     """Run ``bayestissue ARGUMENTS``. This process keeps its cores and its settings."""
     out, err, status = StringIO(), StringIO(), 0

@@ -10,6 +10,7 @@ import bayestissue as bt
 from bayestissue.model.hierarchy.formulas.formula import resolve
 from bayestissue.recordings.dataset.cells import standard_names
 from bayestissue.recordings.dataset.impact_table import COLUMNS, impact_table
+from cases import cases
 from command_line import bayestissue
 from dataset_bench import SETTINGS, Lab, tables
 
@@ -20,17 +21,7 @@ def table(**columns: list[str]):
     return impact_table(pd.DataFrame(cells | columns), np.arange(2, 6), needs_velocity=True)
 
 
-@pytest.mark.parametrize(
-    ("column", "values", "row"),
-    [
-        ("subject", ["s1", "S1", "s2", "s2"], 3),
-        ("trial", ["x", "y", "x ", "y"], 4),
-        ("side", ["left", "Left", "right", "right"], 3),
-        ("side", ["left", "left ", "right", "right"], 3),
-        ("braced", ["yes", "Yes", "no", "no"], 3),
-        ("pad", ["PU-1", "PU 1", "PU-2", "PU-2"], 3),
-    ],
-)
+@pytest.mark.parametrize(("column", "values", "row"), cases(__file__, "two_ways"))
 def test_two_ways_to_write_a_name_are_a_warning_in_every_column(column, values, row):
     (found,) = table(**{column: values}).warnings
     assert (found.row, found.column, found.code) == (row, column, "two-spellings")
@@ -61,16 +52,7 @@ def holed(lab: Lab) -> Lab:
 PLACES = [(5, "sex"), (3, "sex"), (4, "skinfold_mm")]
 
 
-@pytest.mark.parametrize(
-    ("formula", "columns"),
-    [
-        ("sex", ["sex"]),
-        ("(1|sex)", ["sex"]),
-        ("skinfold_mm", ["skinfold_mm"]),
-        ("log(skinfold_mm) + C(sex)", ["sex", "skinfold_mm"]),
-        ("(0 + skinfold_mm|sex)", ["sex", "skinfold_mm"]),
-    ],
-)
+@pytest.mark.parametrize(("formula", "columns"), cases(__file__, "used"))
 def test_a_fit_names_the_row_of_every_empty_cell_that_a_formula_uses(holed, formula, columns):
     with pytest.raises(bt.InputError) as refused:
         bt.fit(holed.folder, K=formula)
@@ -98,28 +80,12 @@ def test_the_command_names_them_too_and_a_workbook_by_its_name(holed, tmp_path):
 def test_of_tables_in_python_the_rows_are_counted_as_there(lab):
     impacts, traces = tables()
     impacts.loc[2, "sex"] = None
-    given = {name: SETTINGS["signal"][name] for name in ("quantity", "unit")}
-    made = bt.dataset(impacts, traces, **given, uncertainty=SETTINGS["uncertainty"])
+    made = bt.dataset(impacts, traces, **SETTINGS["signal"], uncertainty=SETTINGS["uncertainty"])
     with pytest.raises(bt.InputError, match=r"impacts \(rows from 0\), row 2, column sex, impact"):
         bt.fit(made, K="sex")
 
 
-@pytest.mark.parametrize(
-    ("column", "subjects", "levels", "asked"),
-    [
-        ("group", "1 2 1 2", "treated treated control control", 1),
-        ("group", "1 2 1 2", "1 1 2 2", 1),
-        # Of people with names, and of what a person goes through, nobody is asked about.
-        ("group", "anna bert anna bert", "treated treated control control", 0),
-        ("condition", "1 2 1 2", "treated treated control control", 0),
-        ("Side", "1 2 3 1 4 5", "left left left right right right", 0),
-        ("shoe", "1 2 1 2", "bare bare shod shod", 0),
-        # In a factor that is constant for everybody else.
-        ("country", "1 2 3 1 4 5", "at at at de de de", 1),
-        ("height_cm", "1 2 3 1 4 5", "180 180 180 170 170 170", 0),
-        ("remark", "1 2 3 1 4 5", "good good good slipped good good", 0),
-    ],
-)
+@pytest.mark.parametrize(("column", "subjects", "levels", "asked"), cases(__file__, "groups"))
 def test_whoever_stands_in_two_groups_is_asked_about(
     column: str, subjects: str, levels: str, asked: int
 ) -> None:

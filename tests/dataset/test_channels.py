@@ -17,8 +17,9 @@ from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset import LowPassFilter, read_dataset, write_dataset
 from bayestissue.recordings.dataset.write import settings_text
 from bayestissue.studies.checking import check
+from cases import cases
 from command_line import bayestissue
-from dataset_bench import MASSES, NAMES, RATE, SETTINGS, deceleration, tables
+from dataset_bench import MASSES, NAMES, RATE, SETTINGS, Lab, deceleration, tables
 
 TIP, RATIO = 0.1, 1.1
 CELL = {
@@ -33,21 +34,17 @@ CELL = {
 
 
 def bench(
-    folder: Path, *, scale: float = 1.0, zero: float = 0.3, noise: float = 0.02, **channel: Any
+    folder: Path, *, factor: float = 1.0, zero: float = 0.3, noise: float = 0.02, **channel: Any
 ) -> Path:
     """The bench with a load cell that reads `RATIO` times the force behind its tip, in the same table."""
     impacts, traces = tables()
     behind = traces["impact"].map(dict(zip(NAMES, MASSES, strict=True))).astype(float) - TIP
     random = np.random.default_rng(0).normal(0, noise, len(traces))
-    traces["force_N"] = scale * (RATIO * behind * traces["value"] + zero + random)
-    stated = {key: value for key, value in (CELL | channel).items() if value is not None}
-    write_dataset(
-        folder,
-        settings=SETTINGS | {"channel": [stated]},
-        impacts=impacts,
-        traces=traces,
-        trace_file="traces.csv",
-    )
+    traces["force_N"] = factor * (RATIO * behind * traces["value"] + zero + random)
+    settings = SETTINGS | {"channel": [CELL]}
+    write_dataset(folder, settings=settings, impacts=impacts, traces=traces, trace_file="traces.csv")
+    stated = {key: value for key, value in (CELL | channel).items() if value != ""}
+    (folder / "dataset.toml").write_text(settings_text(SETTINGS | {"channel": [stated]}))
     return folder
 
 
@@ -67,10 +64,7 @@ def test_the_channel_comes_with_the_dataset_and_is_written_back(tmp_path: Path) 
 
 def test_units_scale_and_clock_of_the_channel_are_its_own(tmp_path: Path) -> None:
     plain = read_dataset(bench(tmp_path / "plain")).further[0][0]
-    other = bench(tmp_path / "other", scale=-1e-3, unit="kN", time_offset_s=0.001)
-    (tmp_path / "other" / "dataset.toml").write_text(
-        (other / "dataset.toml").read_text().replace('unit = "kN"', 'unit = "kN"\nscale = -1.0')
-    )
+    other = bench(tmp_path / "other", factor=-1e-3, unit="kN", scale=-1.0, time_offset_s=0.001)
     trace = read_dataset(other).further[0][0]
     np.testing.assert_allclose(trace.value, plain.value, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(trace.time_s, plain.time_s + 0.001)
@@ -79,82 +73,40 @@ def test_units_scale_and_clock_of_the_channel_are_its_own(tmp_path: Path) -> Non
 def test_a_file_of_its_own_may_have_another_rate(tmp_path: Path) -> None:
     folder = bench(tmp_path / "bench")
     data = read_dataset(folder)
-    table = data.further[0]
-    lines = ["impact,time_s,value"]
-    lines += [
-        f"{name},{time:.9g},{value:.9g}"
-        for name, trace in zip(NAMES, table, strict=True)
-        for time, value in zip(trace.time_s[::4], trace.value[::4], strict=True)
-    ]
-    (folder / "force.csv").write_text("\n".join(lines))
-    text = (folder / "dataset.toml").read_text()
-    (folder / "dataset.toml").write_text(text.replace('value_column = "force_N"', 'file = "force.csv"'))
+    bench(folder, value_column="", file="force.csv")
+    table = pd.read_csv(folder / "traces.csv").drop(columns="value").rename(columns={"force_N": "value"})
+    table.iloc[::4].to_csv(folder / "force.csv", index=False)
     slow = read_dataset(folder)
     assert np.diff(slow.further[0][0].time_s).mean() == pytest.approx(4 / RATE)
     assert slow.input_hash != data.input_hash
     assert check(slow).quality["force_ratio"].to_numpy() == pytest.approx(RATIO, rel=0.005)
 
 
-@pytest.mark.parametrize(
-    ("channel", "row", "words"),
-    [
-        ({"unit": "mm"}, 16, "a unit of force"),
-        ({"quantity": "velocity"}, 14, "force"),
-        ({"place": "ceiling"}, 15, "impactor"),
-        ({"value_column": None}, 12, "value_column, or file"),
-        ({"value_column": None, "file": "../force.csv"}, 19, "in the dataset's folder"),
-        ({"place": "base"}, 12, "tip_mass_kg only beside"),
-        ({"gain": 1.0}, 20, "one of the keys"),
-        ({"recorder": {"low_pass_hz": -400.0}}, 22, "greater than 0"),
-    ],
-)
-def test_a_key_that_is_wrong_is_named_with_its_row(
-    tmp_path: Path, channel: dict[str, Any], row: int, words: str
+@pytest.mark.parametrize("case", cases(__file__, "refused"))
+def test_what_is_wrong_with_a_channel_is_refused_by_its_key_or_code(
+    tmp_path: Path, case: dict[str, Any]
 ) -> None:
-    folder = bench(tmp_path / "bench")
-    stated = {key: value for key, value in (CELL | channel).items() if value is not None}
-    (folder / "dataset.toml").write_text(settings_text(SETTINGS | {"channel": [stated]}))
     with pytest.raises(InputError) as refused:
-        read_dataset(folder)
-    (problem,) = refused.value.problems
-    assert problem.row == row
-    assert words in str(problem)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "code", "words"),
-    [
-        (lambda f: bench(f, scale=-1.0), "channel-unfit", "positive while the impactor slows"),
-        (lambda f: bench(f, time_offset_s=9.0), "channel-unfit", "0 of its samples"),
-        (lambda f: bench(f, scale=0.0), "constant-signal", "changes"),
-        (lambda f: bench(f, value_column=None, file="force.csv"), "no-file", "force.csv"),
-    ],
-)
-def test_recordings_that_do_not_fit_the_first_channel_are_refused(
-    tmp_path: Path, spoil: Callable[[Path], Path], code: str, words: str
-) -> None:
-    if code == "no-file":
-        folder = bench(tmp_path / "bench")
-        text = (folder / "dataset.toml").read_text()
-        (folder / "dataset.toml").write_text(text.replace('value_column = "force_N"', 'file = "force.csv"'))
+        read_dataset(bench(tmp_path / "bench", factor=case.get("factor", 1.0), **case.get("channel", {})))
+    assert case["says"] in str(refused.value)
+    if "row" in case:
+        assert [problem.row for problem in refused.value.problems] == [case["row"]]
     else:
-        folder = spoil(tmp_path / "bench")
-    with pytest.raises(InputError) as refused:
-        read_dataset(folder)
-    assert {problem.code for problem in refused.value.problems} == {code}
-    assert words in str(refused.value)
+        assert {problem.code for problem in refused.value.problems} == {case["code"]}
 
 
 def test_a_cell_of_the_channel_that_is_no_number_leaves_its_impact_out(tmp_path: Path) -> None:
     folder = bench(tmp_path / "bench")
-    lines = (folder / "traces.csv").read_text().split("\n")
-    lines[1] = lines[1].rsplit(",", 1)[0] + ",OVER"
-    (folder / "traces.csv").write_text("\n".join(lines))
+    Lab(folder).cell("traces.csv", 2, "force_N", "OVER")
     with pytest.raises(InputError, match=r"row 2, column force_N, impact a: found \"OVER\""):
         read_dataset(folder)
     data = read_dataset(folder, skip_bad=True)
     assert data.impacts["impact"].tolist() == list(NAMES[1:])
     assert len(data.further[0]) == len(NAMES) - 1
+
+
+def warned(found: bt.Check, code: str) -> list[str]:
+    return [str(problem) for problem in found.warnings if problem.code == code]
 
 
 def test_check_compares_force_with_mass_times_deceleration(tmp_path: Path) -> None:
@@ -167,13 +119,13 @@ def test_check_compares_force_with_mass_times_deceleration(tmp_path: Path) -> No
     assert found.force.declared_sd == pytest.approx(np.hypot(0.01, 0.01))
     assert found.force.contradicts
     assert not found.force.lags
-    (warning,) = [problem for problem in found.warnings if problem.code == "channels-disagree"]
-    assert "10 % more than mass_kg says" in str(warning)
+    (warning,) = warned(found, "channels-disagree")
+    assert "10 % more than mass_kg says" in warning
 
 
 def test_check_says_nothing_of_a_force_that_agrees(tmp_path: Path) -> None:
     found = check(bench(tmp_path / "bench", relative_gain_sd=0.05))
-    assert not [problem for problem in found.warnings if problem.code == "channels-disagree"]
+    assert warned(found, "channels-disagree") == []
 
 
 def test_a_force_that_is_late_is_said_to_be(tmp_path: Path) -> None:
@@ -229,7 +181,7 @@ def test_check_names_what_is_wrong_with_an_impossible_force(
     change: Callable[[np.ndarray, np.ndarray], np.ndarray], late_s: float, value: str
 ) -> None:
     found = check(eight(change, late_s))
-    told = [str(problem) for problem in found.warnings if problem.code == "channels-disagree"]
+    told = warned(found, "channels-disagree")
     assert any(value in words for words in told)
     assert found.verdict != "fine"
     assert not any("correct time_offset_s" in words for words in told) or "time_offset_s" in value
@@ -242,7 +194,7 @@ def test_check_calls_a_possible_force_fine(place: str) -> None:
         return force + 0.1 * slowing * (place == "base")
 
     found = check(eight(on_tissue, place=place, relative_gain_sd=0.1))
-    assert not [problem for problem in found.warnings if problem.code == "channels-disagree"]
+    assert warned(found, "channels-disagree") == []
 
 
 def test_the_command_and_its_page_show_both(tmp_path: Path) -> None:
@@ -271,15 +223,8 @@ def pressed(push_N: float, gravity: float = 0.0, **uncertainty: float) -> tuple[
     traces = pd.DataFrame({"impact": "a", "time_s": t, "value": x, "force_N": K * np.maximum(x, 0.0)})
     impacts = pd.DataFrame([{"impact": "a", "subject": "s", "trial": "t", "mass_kg": M, "velocity_m_s": V}])
     plate = {"quantity": "force", "place": "base", "unit": "N", "value_column": "force_N"}
-    data = bt.dataset(
-        impacts,
-        traces,
-        quantity="displacement",
-        unit="m",
-        gravity=gravity or "none",
-        uncertainty=uncertainty,
-        channels={"plate": plate},
-    )
+    said = {"gravity": gravity or "none", "uncertainty": uncertainty, "channels": {"plate": plate}}
+    data = bt.dataset(impacts, traces, quantity="displacement", unit="m", **said)
     return data, 1 + push_N * to_peak / (M * (V + gravity * to_peak))
 
 
@@ -295,7 +240,7 @@ def test_beside_a_displacement_impulses_are_compared(push_N: float, gravity: flo
         difference = (found.force.value - found.force.expected)[0, inside]
         assert np.abs(difference).max() < 0.01 * found.force.expected.max()
     assert found.force.contradicts == bool(push_N)
-    told = [str(problem) for problem in found.warnings if problem.code == "impulse-disagrees"]
+    told = warned(found, "impulse-disagrees")
     assert bool(told) == bool(push_N)
     if push_N:
         assert "a free mass has to hit" in told[0]
@@ -406,18 +351,7 @@ def test_arrays_have_a_channel_as_a_folder_has(tmp_path: Path) -> None:
     assert len({beside.input_hash, late.input_hash, bt.dataset(**given).input_hash}) == 3
 
 
-@pytest.mark.parametrize(
-    ("channels", "words"),
-    [
-        ({"cell": {"place": "ceiling"}}, "column channels.place"),
-        ({"cell": {"unit": "mm"}}, "channels.unit"),
-        ({"cell": {"file": "force.csv"}}, "channels.file"),
-        ({"cell": {}}, "recordings of the channel cell"),
-        ({"cell": {"traces": {"a": 3.0}}}, "of the channel cell"),
-        ({"cell": 3}, "channels"),
-        (3, "channel"),
-    ],
-)
+@pytest.mark.parametrize(("channels", "words"), cases(__file__, "of_arrays"))
 def test_what_is_wrong_with_a_channel_of_arrays_is_said(channels: Any, words: str) -> None:
     given, said = from_arrays()
     given["traces"] = pairs(given["traces"], "value")

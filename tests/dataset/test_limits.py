@@ -24,13 +24,13 @@ def force(row: int) -> np.ndarray:
     return (80 + 2 * row) * pulse + 0.3 * np.random.default_rng(row).standard_normal(len(TIME))
 
 
+def impacts_of(count: int) -> pd.DataFrame:
+    names = [f"i{row}" for row in range(count)]
+    return pd.DataFrame({"impact": names, "subject": "s", "mass_kg": 0.5, "velocity_m_s": 1.5})
+
+
 def read(values: list[np.ndarray], **chosen) -> bt.Dataset:
-    impacts = pd.DataFrame(
-        {
-            "impact": [f"i{row}" for row in range(len(values))],
-            **{"subject": "s", "trial": "t", "mass_kg": 0.5, "velocity_m_s": 1.5},
-        }
-    )
+    impacts = impacts_of(len(values)).assign(trial="t")
     return bt.dataset(impacts, [(TIME, value) for value in values], **SIGNAL | chosen)
 
 
@@ -91,11 +91,10 @@ def test_what_a_recorder_writes_as_infinite_is_at_its_limit(table: str, sign: in
         values = [infinite if value == 60.0 + row else f"{sign * value:.6f}" for value in cut[row]]
         return [f"{before}{1e3 * t:.6f},{value}" for t, value in zip(TIME, values, strict=True)]
 
-    rows = {"impact": [f"i{row}" for row in range(3)], "subject": "s", "mass_kg": 0.5, "velocity_m_s": 1.5}
     quantity = "deceleration" if sign > 0 else "acceleration"
     signal = {"quantity": quantity, "unit": "m/s^2", "time_unit": "ms"}
     signal |= {"time_column": "Time", "value_column": "Channel A"}
-    settings, impacts = {"name": "scope", "signal": signal}, pd.DataFrame(rows)
+    settings, impacts = {"name": "scope", "signal": signal}, impacts_of(3)
     head = "Time,Channel A\n(ms),(V)\n\n"
     if table == "files":
         impacts["trace"] = [f"i{row}.csv" for row in range(3)]

@@ -7,7 +7,16 @@ import pytest
 from bayestissue.base.resources import shared
 from bayestissue.recordings.dataset.published import PublishedTables, read_published
 
-TABLES = ("estimates", "averages", "correlations", "stepwise", "regressions", "claims")
+# The columns that tell the rows of a table apart.
+KEYS = {
+    "estimates": ["trial", "subject"],
+    "averages": ["quantity", "trial"],
+    "correlations": ["table", "row"],
+    "stepwise": ["table", "quantity", "status", "row"],
+    "regressions": ["quantity", "term"],
+    "claims": ["claim"],
+}
+TABLES = tuple(KEYS)
 
 
 @pytest.fixture(scope="module")
@@ -16,18 +25,9 @@ def published() -> PublishedTables:
 
 
 def test_every_surviving_row_is_there(published: PublishedTables) -> None:
-    assert {name: len(getattr(published, name)) for name in TABLES} == {
-        "estimates": 70,
-        "averages": 18,
-        "correlations": 39,
-        "stepwise": 25,
-        "regressions": 5,
-        "claims": 63,
-    }
+    assert [len(getattr(published, name)) for name in TABLES] == [70, 18, 39, 25, 5, 63]
     assert set(published.estimates["trial"]) == {8, 9, 16, 17, 18, 26, 27}
-    assert (
-        published.estimates.groupby("trial")["subject"].apply(list).map(lambda s: s == [*range(1, 11)]).all()
-    )
+    assert set(published.estimates.groupby("trial")["subject"].apply(tuple)) == {tuple(range(1, 11))}
     assert list(published.averages["trial"]) == [7, 8, 9, 16, 17, 18, 25, 26, 27] * 2
 
 
@@ -36,22 +36,16 @@ def test_numbers_keep_the_digits_that_were_printed(published: PublishedTables) -
     assert k.loc[16, "average_text"] == "23.75"
     assert k.loc[27, "range_text"] == "2.360"
     assert k.loc[16, "mass_kg_text"] == "1.000"
-    assert published.regressions.set_index(["quantity", "term"]).loc[
-        ("K", "constant"), "coefficient_text"
-    ] == ("+0.695")
+    terms = published.regressions.set_index(["quantity", "term"])
+    assert terms.loc[("K", "constant"), "coefficient_text"] == "+0.695"
 
 
 def test_slips_are_kept(published: PublishedTables) -> None:
     k = published.averages.query("quantity == 'K'").set_index("trial")
     assert k.loc[17, "sd"] == k.loc[17, "range"] == 1.977
     assert ".0122" in set(published.claims["value_text"])
-    assert list(
-        published.claims.query("section == '6.2' and statistic == 'correlation with Mass'")["value"]
-    ) == [
-        0.787,
-        0.992,
-        0.787,
-    ]
+    with_mass = published.claims.query("section == '6.2' and statistic == 'correlation with Mass'")
+    assert list(with_mass["value"]) == [0.787, 0.992, 0.787]
 
 
 @pytest.mark.parametrize("name", TABLES)
@@ -86,17 +80,7 @@ def test_the_paths_are_the_files_read(published: PublishedTables) -> None:
     assert all(path.parent == shared("data", "published") for path in published.paths)
 
 
-@pytest.mark.parametrize(
-    ("name", "key"),
-    [
-        ("estimates", ["trial", "subject"]),
-        ("averages", ["quantity", "trial"]),
-        ("correlations", ["table", "row"]),
-        ("stepwise", ["table", "quantity", "status", "row"]),
-        ("regressions", ["quantity", "term"]),
-        ("claims", ["claim"]),
-    ],
-)
+@pytest.mark.parametrize(("name", "key"), KEYS.items())
 def test_no_row_stands_twice(published: PublishedTables, name: str, key: list[str]) -> None:
     assert not getattr(published, name).duplicated(key).any()
 

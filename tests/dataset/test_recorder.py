@@ -3,52 +3,31 @@
 from __future__ import annotations
 
 import pytest
+import tomlkit
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset import LowPassFilter
+from cases import cases
 from dataset_bench import SETTINGS, Lab, tables
 
-SIGNAL = {"quantity": SETTINGS["signal"]["quantity"], "unit": SETTINGS["signal"]["unit"]}
+SIGNAL = SETTINGS["signal"]
 
 
 def declared(lab: Lab, text: str) -> None:
-    path = lab.path("dataset.toml")
-    path.write_text(f"{path.read_text()}\n[recorder]\n{text}\n")
+    lab.append("dataset.toml", f"\n[recorder]\n{text}\n")
 
 
-@pytest.mark.parametrize(
-    ("text", "recorder"),
-    [
-        ("low_pass_hz = 500", LowPassFilter(low_pass_hz=500.0)),
-        (
-            'low_pass_hz = 500.0\norder = 4\nkind = "bessel"\nzero_phase = true',
-            LowPassFilter(low_pass_hz=500.0, order=4, kind="bessel", zero_phase=True),
-        ),
-        (
-            "sae_class = 180",
-            LowPassFilter(sae_class=180),
-        ),
-        (
-            'sae_class = 60\nnoise = "before"',
-            LowPassFilter(sae_class=60, noise="before"),
-        ),
-        ('low_pass_hz = 500\nnoise = "after"', LowPassFilter(low_pass_hz=500.0, noise="after")),
-        ('low_pass_hz = 500\napplied = "digital"', LowPassFilter(low_pass_hz=500.0, applied="digital")),
-        (
-            'sae_class = 180\napplied = "analog"',
-            LowPassFilter(sae_class=180, applied="analog"),
-        ),
-    ],
-)
-def test_it_is_read_written_and_taken_as_an_argument(lab: Lab, tmp_path, text, recorder):
+@pytest.mark.parametrize("stated", cases(__file__))
+def test_it_is_read_written_and_taken_as_an_argument(lab: Lab, tmp_path, stated):
     assert bt.read_dataset(lab.folder).recorder is None
-    declared(lab, text)
+    declared(lab, tomlkit.dumps(stated))
+    recorder = LowPassFilter(**stated)
     data = bt.read_dataset(lab.folder)
     assert data.recorder == recorder
     assert bt.read_dataset(data.write(tmp_path / "again")).recorder == recorder
     impacts, traces = tables()
-    for given in (recorder, recorder.model_dump(exclude_unset=True)):
+    for given in (recorder, stated):
         assert bt.dataset(impacts, traces, **SIGNAL, recorder=given).recorder == recorder
     assert str(recorder) in repr(data)
 
@@ -86,9 +65,7 @@ def test_a_digital_filter_has_its_corner_below_half_of_the_sampling_rate():
     impacts, traces = tables()
     nyquist = 0.5 / traces["time_s"].diff().median()
     analog = {"low_pass_hz": 2 * nyquist}
-    assert bt.dataset(impacts, traces, **SIGNAL, recorder=analog).recorder == LowPassFilter(
-        low_pass_hz=2 * nyquist
-    )
+    assert bt.dataset(impacts, traces, **SIGNAL, recorder=analog).recorder == LowPassFilter(**analog)
     with pytest.raises(InputError, match=r"half of the sampling rate.*analog") as raised:
         bt.dataset(impacts, traces, **SIGNAL, recorder=analog | {"applied": "digital"})
     (problem,) = raised.value.problems

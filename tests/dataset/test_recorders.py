@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -33,67 +34,53 @@ def _xlsx(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     xlsx(path, [["Prüfstand 3"], [], ["time_s", "value"], *rows], before=("empty",))
 
 
-def _parquet(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    pd.DataFrame({"time_s": time, "value": value}).to_parquet(path)
+def _of_lvm(factors: dict[str, float], **options: Any) -> Writer:
+    """LabVIEW's file of channels that are multiples of what was recorded."""
+
+    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+        lvm(path, time, {name: factor * value for name, factor in factors.items()}, **options)
+
+    return write
 
 
-def _lvm(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    lvm(path, time, {"Accelerometer": value})
-
-
-def _lvm_many(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    lvm(path, time, {"Force": 3 * value, "value": value, "Other": 0 * value})
-
-
-def _lvm_no_x(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    lvm(path, time, {"value": value}, x_columns="No", comment=False)
-
-
-def _lvm_multi(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    lvm(path, time, {"Force": 3 * value, "value": value}, x_columns="Multi")
+_lvm = _of_lvm({"Accelerometer": 1})
 
 
 def _lvm_of_several_rates(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     lvm(path, time, {"Note": value[:5], "value": value, "Slow": value[::4]}, intervals=[1.0, None, 4 / RATE])
 
 
-def _lvm_comma(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    lvm(path, time, {"value": value}, decimal=",")
+def _of_tdms(channel: str, offset: bool = True, **clock: Any) -> Writer:
+    """A waveform with a clock of these properties, and with the time of its first sample."""
+
+    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+        about = ({"wf_start_offset": float(time[0])} if offset else {}) | clock
+        with TdmsWriter(path) as writer:
+            writer.write_segment([ChannelObject("Impact", channel, value, properties=about)])
+
+    return write
 
 
-def _tdms(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    clock = {"wf_increment": 1 / RATE, "wf_start_offset": float(time[0])}
-    with TdmsWriter(path) as writer:
-        writer.write_segment([ChannelObject("Impact", "Accelerometer", value, properties=clock)])
+_tdms = _of_tdms("Accelerometer", wf_increment=1 / RATE)
 
 
 def _tdms_many(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    columns = {"time_s": time, "value": value, "Force": 3 * value}
+    channels = [ChannelObject("Impact", name, values) for name, values in columns.items()]
     with TdmsWriter(path) as writer:
-        writer.write_segment(
-            [
-                ChannelObject("Impact", "time_s", time),
-                ChannelObject("Impact", "value", value),
-                ChannelObject("Impact", "Force", 3 * value),
-                ChannelObject("Notes", "words", ["a", "b"]),
-            ]
-        )
+        writer.write_segment([*channels, ChannelObject("Notes", "words", ["a", "b"])])
 
 
 def _mat5(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     savemat(path, {"time_s": time[:, None], "value": value[:, None], "rate": RATE, "who": "someone"})
 
 
-def _mat5_packed(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    savemat(path, {"time_s": time, "value": value}, do_compression=True)
-
-
 def _mat73(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, array in (("time_s", time), ("value", value)):
             file.create_dataset(name, data=array[None, :]).attrs["MATLAB_class"] = b"double"
-        file.create_dataset("who", data=np.array([[115], [49]], dtype=np.uint16)).attrs["MATLAB_class"] = (
-            b"char"
-        )
+        who = file.create_dataset("who", data=np.array([[115], [49]], dtype=np.uint16))
+        who.attrs["MATLAB_class"] = b"char"
         file.create_group("settings")
     data = bytearray(path.read_bytes())
     data[:128] = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
@@ -129,18 +116,18 @@ def _acq(path: Path, time: np.ndarray, value: np.ndarray) -> None:
 FORMATS: dict[str, tuple[str, Writer]] = {
     "csv": (".csv", _csv),
     "packed csv": (".csv.gz", _csv),
-    "parquet": (".parquet", _parquet),
+    "parquet": (".parquet", lambda p, t, v: pd.DataFrame({"time_s": t, "value": v}).to_parquet(p)),
     "xlsx": (".xlsx", _xlsx),
     "lvm": (".lvm", _lvm),
-    "lvm of many channels": (".lvm", _lvm_many),
-    "lvm without x": (".lvm", _lvm_no_x),
-    "lvm with an x per channel": (".lvm", _lvm_multi),
+    "lvm of many channels": (".lvm", _of_lvm({"Force": 3, "value": 1, "Other": 0})),
+    "lvm without x": (".lvm", _of_lvm({"value": 1}, x_columns="No", comment=False)),
+    "lvm with an x per channel": (".lvm", _of_lvm({"Force": 3, "value": 1}, x_columns="Multi")),
     "lvm of channels of several rates": (".lvm", _lvm_of_several_rates),
-    "lvm with decimal comma": (".lvm", _lvm_comma),
+    "lvm with decimal comma": (".lvm", _of_lvm({"value": 1}, decimal=",")),
     "tdms": (".tdms", _tdms),
     "tdms of many channels": (".tdms", _tdms_many),
     "mat 5": (".mat", _mat5),
-    "mat 5 packed": (".mat", _mat5_packed),
+    "mat 5 packed": (".mat", lambda p, t, v: savemat(p, {"time_s": t, "value": v}, do_compression=True)),
     "mat 7.3": (".mat", _mat73),
     "hdf5": (".h5", _hdf5),
     "hdf5 of another name": (".hdf5", _hdf5),
@@ -151,29 +138,19 @@ FORMATS: dict[str, tuple[str, Writer]] = {
 BEGIN_AT_ZERO, SINGLE = (".c3d", ".acq"), (".c3d",)
 
 
-def _lvm_short(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    lvm(path, time, {"value": value}, samples=1000)
-
-
 def _lvm_spectrum(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     _lvm(path, time, value)
     path.write_text(path.read_text().replace("X_Dimension\tTime", "X_Dimension\tFrequency"))
+
+
+def _lvm_short_and_broken(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    lvm(path, time, {"value": value, "Slow": value[:5]}, intervals=[None, 1.0], samples=500)
 
 
 def _lvm_blocks(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     _lvm(path, time, value)
     text = path.read_text()
     path.write_text(text + "\n" + text[text.index("Channels") :])
-
-
-def _tdms_half(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    _tdms(path, time, value)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-def _tdms_without_an_end(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-    _tdms(path, time, value)
-    path.write_bytes(path.read_bytes()[:-8])
 
 
 def _mat73_elsewhere(path: Path, time: np.ndarray, value: np.ndarray) -> None:
@@ -190,10 +167,12 @@ def _mat73_elsewhere(path: Path, time: np.ndarray, value: np.ndarray) -> None:
         file.create_virtual_dataset("virtual", layout)
 
 
-def _half(write: Writer) -> Writer:
+def _cut(write: Writer, lost: int) -> Writer:
+    """The file without its last bytes."""
+
     def half(path: Path, time: np.ndarray, value: np.ndarray) -> None:
         write(path, time, value)
-        path.write_bytes(path.read_bytes()[:-2000])
+        path.write_bytes(path.read_bytes()[:-lost])
 
     return half
 
@@ -211,9 +190,8 @@ def files_instead(lab: Lab, suffix: str, write: Writer, **columns: object) -> No
     impacts, traces = tables()
     for impact, part in traces.groupby("impact"):
         write(lab.path(f"{impact}{suffix}"), part["time_s"].to_numpy(), part["value"].to_numpy())
-    impacts["trace"] = [f"{impact}{suffix}" for impact in impacts["impact"]]
-    impacts.assign(**columns).to_csv(lab.path("impacts.csv"), index=False)
-    lab.path("traces.csv").unlink()
+    impacts.assign(trace=impacts["impact"] + suffix, **columns).to_csv(lab.path("impacts.csv"), index=False)
+    lab.remove("traces.csv")
 
 
 def assert_same(dataset: Dataset, suffix: str = "") -> None:
@@ -271,10 +249,8 @@ IN_BOTH = [("test.daq.time", "test.daq.acc"), ("data:1", "data:2"), ("wide:1", "
 
 @pytest.mark.parametrize(
     ("write", "time_column", "value_column"),
-    [
-        *((_mat5_export, *names) for names in [*IN_BOTH, ("data:1", "trial(2).acc")]),
-        *((_mat73_export, *names) for names in IN_BOTH),
-    ],
+    [(write, *names) for write in (_mat5_export, _mat73_export) for names in IN_BOTH]
+    + [(_mat5_export, "data:1", "trial(2).acc")],
 )
 def test_fields_and_columns_of_matlab_are_named(
     write: Writer, time_column: str, value_column: str, lab: Lab
@@ -349,39 +325,22 @@ def test_a_marker_at_the_origin_is_a_gap(tmp_path: Path) -> None:
 
 
 def test_sampling_rate_stands_in_for_times(lab: Lab) -> None:
-    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-        pd.DataFrame({"value": value}).to_csv(path, index=False)
-
-    files_instead(lab, ".csv", write, sampling_rate_hz=RATE)
+    files_instead(
+        lab, ".csv", lambda p, _, v: pd.DataFrame({"value": v}).to_csv(p, index=False), sampling_rate_hz=RATE
+    )
     dataset = read_dataset(lab.folder)
     np.testing.assert_array_equal(dataset.traces[0].time_s, np.arange(dataset.traces[0].value.size) / RATE)
 
 
 def test_a_waveform_without_an_offset_begins_at_zero(lab: Lab) -> None:
-    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-        with TdmsWriter(path) as writer:
-            writer.write_segment([ChannelObject("g", "a/'b'", value, properties={"wf_increment": 1 / RATE})])
-
-    files_instead(lab, ".tdms", write)
+    files_instead(lab, ".tdms", _of_tdms("a/'b'", offset=False, wf_increment=1 / RATE))
     for trace in read_dataset(lab.folder).traces:
         np.testing.assert_array_equal(trace.time_s, np.arange(trace.value.size) * (1 / RATE))
 
 
-@pytest.mark.parametrize(
-    "clock",
-    [
-        {"wf_increment": "x"},
-        {"wf_increment": 1e-4, "wf_start_offset": "y"},
-        {"wf_increment": -1e-4},
-        {"wf_increment": np.nan},
-    ],
-)
-def test_a_waveform_whose_clock_is_no_number_has_no_times(clock: dict, lab: Lab) -> None:
-    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-        with TdmsWriter(path) as writer:
-            writer.write_segment([ChannelObject("g", "value", value, properties=clock)])
-
-    files_instead(lab, ".tdms", write)
+@pytest.mark.parametrize(("step", "offset"), [("x", 0.0), (1e-4, "y"), (-1e-4, 0.0), (np.nan, 0.0)])
+def test_a_waveform_whose_clock_is_no_number_has_no_times(step: Any, offset: Any, lab: Lab) -> None:
+    files_instead(lab, ".tdms", _of_tdms("value", wf_increment=step, wf_start_offset=offset))
     with pytest.raises(InputError, match="no times"):
         read_dataset(lab.folder)
 
@@ -394,15 +353,11 @@ def test_sampling_rate_must_agree_with_the_clock(lab: Lab) -> None:
 
 
 def test_named_channels_and_other_units(lab: Lab) -> None:
-    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
-        savemat(path, {"t": 1e3 * time, "volts": (value / 9.80665 - 0.25) / 100})
-
-    lab.replace(
-        "dataset.toml",
-        'unit = "m/s^2"',
-        'unit = "g"\ntime_unit = "ms"\ntime_column = "t"\nvalue_column = "volts"\nscale = 100\noffset = 0.25',
+    units = 'unit = "g"\ntime_unit = "ms"\nscale = 100\noffset = 0.25'
+    lab.replace("dataset.toml", 'unit = "m/s^2"', f'{units}\ntime_column = "t"\nvalue_column = "volts"')
+    files_instead(
+        lab, ".mat", lambda p, t, v: savemat(p, {"t": 1e3 * t, "volts": (v / 9.80665 - 0.25) / 100})
     )
-    files_instead(lab, ".mat", write)
     dataset = read_dataset(lab.folder)
     _, traces = tables()
     expected = traces.loc[traces["impact"] == "b", "value"]
@@ -410,42 +365,31 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
     np.testing.assert_allclose(dataset.traces[1].value, expected, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("write", "suffix", "says"),
-    [
-        (lambda p, t, v: lvm(p, t, {"Force": v, "Torque": v}), ".lvm", "Force, Torque"),
-        (_lvm_short, ".lvm", "400 rows"),
-        (_lvm_spectrum, ".lvm", "time along X"),
-        (_lvm_blocks, ".lvm", 'found "2 blocks"; expected one recording.*a.lvm#1'),
-        (
-            lambda p, t, v: lvm(p, t, {"value": v[:5], "Force": v}),
-            *(
-                ".lvm",
-                r'all 4 files, such as a.lvm, column value: found "5 samples".*Name another one .*: Force\.',
-            ),
-        ),
-        (
-            lambda p, t, v: lvm(p, t, {"value": v, "Slow": v[:5]}, intervals=[None, 1.0], samples=500),
-            *(".lvm", "400 rows where 500 are stated"),
-        ),
-        (_tdms_half, ".tdms", "an end that is missing"),
-        (_tdms_without_an_end, ".tdms", "an end that is missing"),
-        (lambda p, t, v: savemat(p, {"time_s": t[:-1], "value": v}), ".mat", "as many samples"),
-        (lambda p, t, v: savemat(p, {"who": "nobody"}), ".mat", "no channels of numbers"),
-        (_mat73_elsewhere, ".mat", "no channels of numbers"),
-        (_mat73_elsewhere, ".h5", "no channels of numbers"),
-        (_half(_c3d), ".c3d", "an end that is missing"),
-        (_half(_acq), ".acq", "an end that is missing"),
-        (_acq_of_thousands, ".acq", "header is damaged"),
-    ],
-    ids=[
-        *("no-such-channel", "rows-missing", "spectrum", "two-blocks", "short", "short-and-broken"),
-        *("half", "no-last-sample"),
-        *("unequal-channels", "no-numbers", "numbers-in-other-files", "numbers-elsewhere", "c3d", "acq"),
-        "channels-of-a-damaged-header",
-    ],
-)
-def test_unfit_recordings_are_refused(write: Writer, suffix: str, says: str, lab: Lab) -> None:
+END = "an end that is missing"
+NO_NUMBERS = "no channels of numbers"
+SHORT = r'all 4 files, such as a.lvm, column value: found "5 samples".*Name another one .*: Force\.'
+UNFIT: dict[str, tuple[str, str, Writer]] = {
+    "no such channel": (".lvm", "Force, Torque", _of_lvm({"Force": 1, "Torque": 1})),
+    "rows are missing": (".lvm", "400 rows", _of_lvm({"value": 1}, samples=1000)),
+    "spectrum": (".lvm", "time along X", _lvm_spectrum),
+    "two blocks": (".lvm", 'found "2 blocks"; expected one recording.*a.lvm#1', _lvm_blocks),
+    "short": (".lvm", SHORT, lambda p, t, v: lvm(p, t, {"value": v[:5], "Force": v})),
+    "short and broken": (".lvm", "400 rows where 500 are stated", _lvm_short_and_broken),
+    "half": (".tdms", END, _cut(_tdms, 1600)),
+    "no last sample": (".tdms", END, _cut(_tdms, 8)),
+    "unequal": (".mat", "as many samples", lambda p, t, v: savemat(p, {"time_s": t[:-1], "value": v})),
+    "no numbers": (".mat", NO_NUMBERS, lambda p, t, v: savemat(p, {"who": "nobody"})),
+    "numbers in other files": (".mat", NO_NUMBERS, _mat73_elsewhere),
+    "numbers elsewhere": (".h5", NO_NUMBERS, _mat73_elsewhere),
+    "half a c3d": (".c3d", END, _cut(_c3d, 2000)),
+    "half an acq": (".acq", END, _cut(_acq, 2000)),
+    "channels of a damaged header": (".acq", "header is damaged", _acq_of_thousands),
+}
+
+
+@pytest.mark.parametrize("name", UNFIT)
+def test_unfit_recordings_are_refused(name: str, lab: Lab) -> None:
+    suffix, says, write = UNFIT[name]
     files_instead(lab, suffix, write)
     with pytest.raises(InputError, match=says):
         read_dataset(lab.folder)
@@ -453,9 +397,7 @@ def test_unfit_recordings_are_refused(write: Writer, suffix: str, says: str, lab
 
 def test_a_bad_cell_of_a_recording_is_named_by_its_row(lab: Lab) -> None:
     files_instead(lab, ".lvm", _lvm)
-    lines = lab.text("b.lvm").split("\n")
-    lines[99] = lines[99].split("\t")[0] + "\tsaturated"
-    lab.path("b.lvm").write_text("\n".join(lines))
+    lab.row("b.lvm", 100, lambda line: line.split("\t")[0] + "\tsaturated")
     with pytest.raises(InputError) as refused:
         read_dataset(lab.folder)
     (problem,) = refused.value.problems

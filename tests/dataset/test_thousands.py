@@ -15,17 +15,16 @@ from bayestissue.recordings.dataset.impact_table import impact_table
 from bayestissue.recordings.dataset.sample_tables import read_table
 from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.names import columns
+from cases import cases
 
+# Further than a table is looked at to find its marks.
+FAR = (";", "comma", [*["500"] * 300, "1,000"])
 LETTERED = {",": '"{}"', ";": "{}", "\t": "{}"}
 
 
 def table(delimiter: str, *cells: str) -> str:
-    return "".join(
-        delimiter.join(["subject", "mass_g"]) + "\n"
-        if row == 0
-        else f"s{row}{delimiter}{LETTERED[delimiter].format(cells[row - 1])}\n"
-        for row in range(len(cells) + 1)
-    )
+    rows = [f"s{row}{delimiter}{LETTERED[delimiter].format(cell)}\n" for row, cell in enumerate(cells, 1)]
+    return "".join([f"subject{delimiter}mass_g\n", *rows])
 
 
 def masses(path: Path, text: str, stated: Stated | None = None) -> list[str]:
@@ -33,17 +32,7 @@ def masses(path: Path, text: str, stated: Stated | None = None) -> list[str]:
     return read_cells(Source.at(path, stated=stated))[0]["mass_g"].tolist()
 
 
-@pytest.mark.parametrize(
-    ("delimiter", "mark", "cells"),
-    [
-        (",", "comma", ["500", "800", "1,000", "1,500"]),
-        (";", "comma", ["1,000", "1,500"]),
-        (";", "point", ["500", "800", "1.000", "1.500"]),
-        ("\t", "point", ["1.000", "2.500"]),
-        # Further than a table is looked at to find its marks.
-        (";", "comma", [*["500"] * 300, "1,000"]),
-    ],
-)
+@pytest.mark.parametrize(("delimiter", "mark", "cells"), [*cases(__file__, "refused"), FAR])
 def test_what_can_be_read_in_two_ways_is_refused(
     delimiter: str, mark: str, cells: list[str], tmp_path: Path
 ) -> None:
@@ -67,20 +56,7 @@ def test_what_can_be_read_in_two_ways_is_refused(
         assert masses(path, text, stated) == expected
 
 
-@pytest.mark.parametrize(
-    ("delimiter", "cells", "read"),
-    [
-        # A number of other than three decimals, or below 1, tells.
-        (";", ["1,250", "0,500"], ["1.250", "0.500"]),
-        (";", ["1,250", "2,5"], ["1.250", "2.5"]),
-        (";", ["1.000", "1,5"], ["1.000", "1.5"]),
-        (";", ["1,234,567", "1,500"], ["1234567", "1500"]),
-        (",", ["1.250", "2.500"], ["1.250", "2.500"]),
-        (";", ["1234,567", "1,500"], ["1234.567", "1.500"]),
-        # What is no number by the mark that others tell stays, and is refused as one.
-        (",", ["0.5", "1,000"], ["0.5", "1,000"]),
-    ],
-)
+@pytest.mark.parametrize(("delimiter", "cells", "read"), cases(__file__, "settled"))
 def test_one_number_that_tells_settles_the_marks(
     delimiter: str, cells: list[str], read: list[str], tmp_path: Path
 ) -> None:

@@ -13,12 +13,13 @@ from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.dataset_file import SignalSettings
 from bayestissue.recordings.dataset.recorders import contents_of, read_recording
 from bayestissue.recordings.dataset.source_files import Source
-from command_line import bayestissue
+from command_line import bayestissue, init
 from dataset_bench import deceleration
 from recorder_files import lvm
 
 VELOCITY = 1.2
 SIDES = ("p1_left", "p1_right", "p2_left", "p2_right")
+FACTS = {"velocity_m_s": VELOCITY, "mass_kg": 1}
 SIGNAL = SignalSettings(quantity="deceleration", unit="m/s^2")
 
 
@@ -42,11 +43,6 @@ def blocks(
     }[form]
     between = "" if form == "times" else "\n"
     path.write_text(between.join([texts[0], *(text[begin(text) :] for text in texts[1:])]))
-
-
-def init(folder: Path, out: Path, *options: str | Path):
-    given = ("--set", f"velocity_m_s={VELOCITY}", "--set", "mass_kg=1", "--quantity", "deceleration")
-    return bayestissue("init", folder, "--out", out, *given, *options)
 
 
 @pytest.mark.parametrize("form", ["header", "file", "empty line", "times"])
@@ -109,10 +105,10 @@ def test_pieces_without_a_header_and_times_are_refused(tmp_path: Path) -> None:
 
 def test_two_recordings_in_segments_are_two(tmp_path: Path) -> None:
     (time, value), (_, other) = recorded(0), recorded(1)
-    halves = [(time[:200], value[:200]), (time[200:], value[200:])]
     later = time + 3.0
-    halves += [(later[:200], other[:200]), (later[200:], other[200:])]
-    blocks(tmp_path / "a.lvm", halves)
+    halves = (slice(200), slice(200, None))
+    segments = [(t[half], v[half]) for t, v in ((time, value), (later, other)) for half in halves]
+    blocks(tmp_path / "a.lvm", segments)
     first, second = (read_recording(Source.at(tmp_path / f"a.lvm#{n}"), SIGNAL) for n in (1, 2))
     np.testing.assert_allclose(first.values, value, rtol=1e-11, atol=0)
     np.testing.assert_allclose(second.values, other, rtol=1e-11, atol=0)
@@ -124,11 +120,8 @@ def test_a_header_without_numbers_is_refused(tmp_path: Path) -> None:
     blocks(path, [recorded(0), recorded(1)])
     text = path.read_text()
     second = text.index("Channels", text.index("X_Value"))
-    for end in (
-        second + 40,
-        text.index("X_Value", second),
-        text.index("\n", text.index("X_Value", second)) + 1,
-    ):
+    names = text.index("X_Value", second)
+    for end in (second + 40, names, text.index("\n", names) + 1):
         path.write_text(text[:end])
         with pytest.raises(InputError, match="expected numbers below every header"):
             contents_of(Source.at(path))
@@ -163,15 +156,10 @@ PARTS = [f"{name}.lvm#{n}" for name in SIDES for n in (1, 2)][:-1]
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "pattern",
-    [
-        None,
-        *("{subject}_{side}.lvm#{n}", "{subject}_{side}#{n}", "{subject}_{side}.lvm#{}"),
-        *("{subject}_{side}.lvm", "{subject}_{side}"),
-    ],
+    "pattern", [None, *(f"{{subject}}_{{side}}{end}" for end in (".lvm#{n}", "#{n}", ".lvm#{}", ".lvm", ""))]
 )
 def test_init_makes_a_recording_of_each_block(pattern: str | None, lab: Path, tmp_path: Path) -> None:
-    made = init(lab, tmp_path / "d", *(("--pattern", pattern) if pattern else ()))
+    made = init(lab, tmp_path / "d", set=FACTS, pattern=pattern)
     assert (made.status, made.err) == (0, "")
     data = bt.read_dataset(tmp_path / "d")
     table = data.impacts
@@ -188,13 +176,10 @@ def test_init_makes_a_recording_of_each_block(pattern: str | None, lab: Path, tm
 def test_blocks_that_are_no_recording_are_passed_over(tmp_path: Path) -> None:
     folder = tmp_path / "files"
     folder.mkdir()
-    time, value = recorded(0)
-    for name in ("p1", "p2"):
-        blocks(
-            folder / f"{name}.lvm", [(time, value), (time[:3], value[:3]), recorded(2 if name == "p2" else 1)]
-        )
-        time, value = recorded(3)
-    made = init(folder, tmp_path / "d", "--pattern", "{subject}.lvm#{n}")
+    for name, first, last in (("p1", 0, 1), ("p2", 3, 2)):
+        time, value = recorded(first)
+        blocks(folder / f"{name}.lvm", [(time, value), (time[:3], value[:3]), recorded(last)])
+    made = init(folder, tmp_path / "d", set=FACTS, pattern="{subject}.lvm#{n}")
     assert made.status == 0, made.err
     assert "passed over: blocks without a recording: p1.lvm (2), p2.lvm (2)" in made.out
     traces = bt.read_dataset(tmp_path / "d").impacts["trace"].tolist()
@@ -204,13 +189,13 @@ def test_blocks_that_are_no_recording_are_passed_over(tmp_path: Path) -> None:
 def test_one_file_of_many_blocks_is_of_one_person(tmp_path: Path) -> None:
     (tmp_path / "files").mkdir()
     blocks(tmp_path / "files" / "hits.lvm", [recorded(which) for which in range(4)])
-    made = init(tmp_path / "files", tmp_path / "d", "--set", "subject=p1")
+    made = init(tmp_path / "files", tmp_path / "d", set=FACTS | {"subject": "p1"})
     assert made.status == 0, made.err
     table = bt.read_dataset(tmp_path / "d").impacts
     assert table["impact"].tolist() == [f"hits_{n}" for n in range(1, 5)]
     assert set(table["subject"]) == {"p1"}
     # Who was hit is not told by the numbers of blocks.
-    made = init(tmp_path / "files", tmp_path / "e")
+    made = init(tmp_path / "files", tmp_path / "e", set=FACTS)
     assert made.status == 2
     assert "subject" in made.err
 

@@ -10,23 +10,24 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
-from command_line import bayestissue
+from command_line import Outcome, init
 from country import GERMAN, PLAIN, Country, facts, recordings
 from dataset_bench import DAMPING, STIFFNESS, deceleration
 from recorder_files import xlsx
 
+FACTS = {"subject": "s", "trial": "x", "mass_kg": 0.5, "velocity_m_s": 1.2}
 WRITTEN = "cp1252, a semicolon between cells, a decimal comma, names in row 4, units in row 5"
 
 
-def init(folder: Path, *options: str | Path):
+def made_of(folder: Path, *more: str, **given: object) -> tuple[Path, Outcome]:
     out = folder.with_name(f"{folder.name}-dataset")
-    return out, bayestissue("init", folder, "--out", out, "--quantity", "deceleration", *options)
+    return out, init(folder, out, *more, **given)
 
 
 @pytest.mark.slow
 def test_sixty_files_of_a_german_excel(tmp_path: Path) -> None:
     facts(tmp_path / "info.csv", GERMAN, recordings(tmp_path / "de", GERMAN))
-    out, made = init(tmp_path / "de", "--table", tmp_path / "info.csv")
+    out, made = made_of(tmp_path / "de", table=tmp_path / "info.csv")
     assert (made.status, made.err) == (0, "")
     assert f"texts read as: {WRITTEN}" in made.out
     assert "dataset: fine" in made.out
@@ -42,7 +43,7 @@ def test_their_estimates_are_those_of_plain_files(tmp_path: Path) -> None:
     tables = []
     for name, country in (("de", GERMAN), ("en", PLAIN)):
         facts(tmp_path / f"{name}.csv", country, recordings(tmp_path / name, country, people=2))
-        out, _ = init(tmp_path / name, "--table", tmp_path / f"{name}.csv")
+        out, _ = made_of(tmp_path / name, table=tmp_path / f"{name}.csv")
         # As a person may write it by hand.
         impacts = pd.read_csv(out / "impacts.csv")
         separated = {"sep": country.delimiter, "decimal": country.decimal, "encoding": country.encoding}
@@ -85,7 +86,7 @@ def test_a_workbook_of_facts_and_one_of_all_samples(tmp_path: Path) -> None:
         for row in rows
     ]
     xlsx(tmp_path / "info.xlsx", [["Studie 7"], list(rows[0]), *plain])
-    out, made = init(tmp_path / "de", "--table", tmp_path / "info.xlsx")
+    out, made = made_of(tmp_path / "de", table=tmp_path / "info.xlsx")
     assert (made.status, made.err) == (0, "")
     data = bt.read_dataset(out)
     assert data.impacts["mass_kg"].tolist() == [float(row["mass_kg"].replace(",", ".")) for row in rows]
@@ -119,10 +120,9 @@ def test_columns_of_several_lengths(tmp_path: Path) -> None:
     slow, force = time[::4], 2 * value[::4]
     cells = pd.DataFrame({"Zeit 1": time, "a": value}).join(pd.DataFrame({"t2": slow, "F": force}))
     cells.to_csv(folder / "a.csv", index=False, sep=";", decimal=",")
-    sets = ("--set", "subject=s", "--set", "trial=x", "--set", "mass_kg=0.5", "--set", "velocity_m_s=1.2")
     for channel, clock, expected, scale in (("a", "Zeit 1", value, 1.0), ("F", "t2", force, 0.5)):
-        said = ("--channel", channel, "--time", clock, "--unit", "m/s^2", "--scale", str(scale))
-        out, made = init(folder, *said, *sets, "--overwrite")
+        said = {"channel": channel, "time": clock, "unit": "m/s^2", "scale": scale, "set": FACTS}
+        out, made = made_of(folder, "--overwrite", **said)
         assert made.status == 0, made.err
         np.testing.assert_array_equal(bt.read_dataset(out).traces[0].value, scale * expected)
 
@@ -130,7 +130,7 @@ def test_columns_of_several_lengths(tmp_path: Path) -> None:
 def test_what_is_wrong_with_all_files_is_one_problem(tmp_path: Path) -> None:
     """Decimal commas between which commas separate: no program can tell, and one sentence says so."""
     recordings(tmp_path / "de", Country(delimiter=",", decimal=","), people=2)
-    _, refused = init(tmp_path / "de", "--set", "trial=drop")
+    _, refused = made_of(tmp_path / "de", set={"trial": "drop"})
     assert refused.status == 2
     lines = refused.err.splitlines()
     assert lines[0] == "1 problem; nothing was written."
@@ -145,16 +145,14 @@ def test_a_way_of_writing_can_be_given(tmp_path: Path) -> None:
     time, value = deceleration(0.5, 1.2)
     text = "\n".join(f"{t:.4f};{v:.0f}".replace(".", ",") for t, v in zip(time, value, strict=True))
     (folder / "a.txt").write_text(f"{text}\n")
-    said = ("--channel", "column 2", "--time", "column 1", "--unit", "m/s^2")
-    sets = [f for name, fact in
-            {"subject": "s1", "trial": "drop", "mass_kg": "0,5", "velocity_m_s": "1,2"}.items()
-            for f in ("--set", f"{name}={fact}")]  # fmt: skip
-    out, made = init(folder, *said, *sets, "--text", "decimal=comma", "--text", "thousands=point")
+    said = {"channel": "column 2", "time": "column 1", "unit": "m/s^2"}
+    facts = FACTS | {"mass_kg": "0,5", "velocity_m_s": "1,2"}
+    out, made = made_of(folder, set=facts, text={"decimal": "comma", "thousands": "point"}, **said)
     assert made.status == 0, made.err
     assert "a point between thousands, no names of columns" in made.out
     assert 'decimal = "comma"' in (out / "dataset.toml").read_text()
     np.testing.assert_array_equal(bt.read_dataset(out).traces[0].value, value.round(0))
-    _, refused = init(folder, "--text", "decimal=semicolon")
+    _, refused = made_of(folder, text={"decimal": "semicolon"})
     assert refused.status == 2
     assert '--text, column decimal: found "semicolon"' in refused.err
 
@@ -164,7 +162,7 @@ def test_a_file_without_names_is_asked_for_by_number(tmp_path: Path) -> None:
     folder.mkdir()
     time, value = deceleration(0.5, 1.2)
     np.savetxt(folder / "a.csv", np.column_stack([time, value, 2 * value]), delimiter=",")
-    _, refused = init(folder)
+    _, refused = made_of(folder)
     assert 'found "none"; expected the channel with the impact: column 2 or column 3' in refused.err
     assert 'Add, say, --channel "column 2"' in refused.err
 
@@ -175,7 +173,7 @@ def test_a_folder_without_values_says_so(tmp_path: Path) -> None:
     for name in "abc":
         rows = "".join(f"{n / 1000};kein Wert\n" for n in range(50))
         (folder / f"{name}.csv").write_text(f"Zeit;Wert\n{rows}")
-    _, refused = init(folder)
+    _, refused = made_of(folder)
     assert refused.status == 2
     assert "all 3 files, such as a.csv: found" in refused.err
     assert "expected a channel of numbers besides the times" in refused.err
@@ -185,8 +183,7 @@ def test_a_folder_without_values_says_so(tmp_path: Path) -> None:
 def test_remedies_name_options(tmp_path: Path) -> None:
     """Who runs `init` has no dataset.toml yet."""
     recordings(tmp_path / "en", PLAIN, people=1)
-    sets = ("--set", "trial=x", "--set", "velocity_m_s=1.2", "--set", "mass_kg=0.5", "--set", "subject=s")
-    _, refused = init(tmp_path / "en", "--time-unit", "us", *sets)
+    _, refused = made_of(tmp_path / "en", time_unit="us", set=FACTS)
     assert refused.status == 2
     assert "Check --time-unit, and sampling_rate_hz" in refused.err
     assert "dataset.toml" not in refused.err

@@ -14,11 +14,11 @@ import bayestissue as bt
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.intake import choices_of
 from bayestissue.studies.init import prepare, write
-from command_line import bayestissue
+from command_line import init
 from dataset_bench import deceleration
 from page_reader import figures
 
-FACTS = {"subject": "s1", "trial": "drop", "velocity_m_s": "1.2"}
+FACTS = {"trial": "drop", "velocity_m_s": "1.2"}
 MASSES = (0.5, 1.2)
 
 
@@ -29,21 +29,16 @@ def recorded(tmp_path: Path, name: str = "Force (N)", factor: float = 1.0, **fur
     for seed, mass in enumerate(MASSES):
         time, value = deceleration(mass, 1.2)
         random = np.random.default_rng(seed)
-        forces = {
-            column: share * mass * value + random.normal(0, 0.02, value.size)
-            for column, share in {name: factor, **further}.items()
-        }
-        table = {"Time (s)": time, "Accel (g)": value / 9.80665, **forces}
+        table = {"Time (s)": time, "Accel (g)": value / 9.80665}
+        for column, share in {name: factor, **further}.items():
+            table[column] = share * mass * value + random.normal(0, 0.02, value.size)
         pd.DataFrame(table).to_csv(folder / f"s1_{mass}kg.csv", index=False)
     return folder
 
 
 def made(folder: Path, out: Path, **said: Any) -> Any:
-    choices = choices_of(quantity="deceleration", pattern="{subject}_{mass_kg}kg", given=FACTS_SHARED, **said)
+    choices = choices_of(quantity="deceleration", pattern="{subject}_{mass_kg}kg", given=FACTS, **said)
     return write(prepare(folder, choices), out)
-
-
-FACTS_SHARED = {key: value for key, value in FACTS.items() if key != "subject"}
 
 
 def test_the_only_force_becomes_a_channel_and_the_page_draws_it_over_the_deceleration(tmp_path: Path) -> None:
@@ -63,9 +58,8 @@ def test_the_only_force_becomes_a_channel_and_the_page_draws_it_over_the_deceler
 
 def test_the_command_takes_what_is_said_of_the_force(tmp_path: Path) -> None:
     folder = recorded(tmp_path, "Plate [N]")
-    rest = ("--quantity", "deceleration", "--set", "trial=drop", "--set", "velocity_m_s=1.2")
-    said = ("--force", "relative_gain_sd=0.01", "--force", "name=cell")
-    run = bayestissue("init", str(folder), "--out", str(tmp_path / "made"), *rest, *said)
+    said = {"relative_gain_sd": 0.01, "name": "cell"}
+    run = init(folder, tmp_path / "made", set=FACTS, force=said)
     assert run.status == 0, run.err
     (channel,) = bt.read_dataset(tmp_path / "made").channels
     assert (channel.name, channel.place, channel.relative_gain_sd) == ("cell", "base", 0.01)

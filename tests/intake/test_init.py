@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,8 @@ from bayestissue.recordings.dataset import LowPassFilter
 from bayestissue.recordings.dataset.left_out import reasons
 from bayestissue.recordings.dataset.recorders import contents_of
 from bayestissue.recordings.dataset.source_files import Source
-from command_line import bayestissue
+from cases import cases
+from command_line import bayestissue, init
 from dataset_bench import RATE, deceleration
 from page_reader import figures
 from recorder_files import acq, c3d, lvm, markers
@@ -31,7 +33,7 @@ HEIGHT_CM = 1e2 * VELOCITY**2 / (2 * 9.80665)
 DROPS = [
     (s, side, m, n) for s in ("s01", "s02") for side in ("left", "right") for m, n in ((0.5, 1), (1.2, 2))
 ]
-FACTS = ("--set", "trial=drop", "--set", f"velocity_m_s={VELOCITY}")
+FACTS = {"trial": "drop", "velocity_m_s": VELOCITY}
 
 
 def trace(which: int) -> tuple[np.ndarray, np.ndarray]:
@@ -68,11 +70,11 @@ def write_acq(path: Path, time: np.ndarray, value: np.ndarray) -> None:
 
 
 FORMATS = {
-    ".lvm": (write_lvm, ("--channel", "Impact")),
-    ".tdms": (write_tdms, ()),
-    ".c3d": (write_c3d, ("--channel", "Impact")),
-    ".csv": (write_csv, ()),
-    ".acq": (write_acq, ("--channel", "Impact")),
+    ".lvm": (write_lvm, {"channel": "Impact"}),
+    ".tdms": (write_tdms, {}),
+    ".c3d": (write_c3d, {"channel": "Impact"}),
+    ".csv": (write_csv, {}),
+    ".acq": (write_acq, {"channel": "Impact"}),
 }
 
 
@@ -100,8 +102,7 @@ def test_a_folder_becomes_a_dataset_that_check_calls_fine(
 ) -> None:
     recorded, out = folder(suffix), tmp_path / "drops"
     before = contents(recorded)
-    pattern = ("--pattern", f"{PATTERN}{suffix}", "--quantity", "deceleration")
-    made = bayestissue("init", recorded, "--out", out, *pattern, *FORMATS[suffix][1], *FACTS, "--json")
+    made = init(recorded, out, pattern=f"{PATTERN}{suffix}", set=FACTS, json=True, **FORMATS[suffix][1])
     assert (made.status, made.err) == (0, "")
     # The plate's force is as large with every mass, which no force is.
     verdict = "no errors, 1 warning" if suffix == ".c3d" else "fine"
@@ -168,18 +169,10 @@ def test_at_a_terminal_it_asks(folder: Callable, tmp_path: Path, monkeypatch: py
 
 
 def facts(**columns: object) -> pd.DataFrame:
-    rows = [
-        {
-            "file": name(which),
-            "subject": s,
-            "trial": f"{m} kg",
-            "mass_g": 1e3 * m,
-            "drop_height_cm": HEIGHT_CM,
-            "side": side,
-        }
-        for which, (s, side, m, _) in enumerate(DROPS)
-    ]
-    return pd.DataFrame(rows).assign(**columns)
+    rows = pd.DataFrame(DROPS, columns=["subject", "side", "mass_kg", "number"])
+    rows = rows.assign(file=[name(which) for which in rows.index], trial=rows["mass_kg"].map("{} kg".format))
+    rows = rows.assign(mass_g=1e3 * rows["mass_kg"], drop_height_cm=HEIGHT_CM)
+    return rows.drop(columns=["mass_kg", "number"]).assign(**columns)
 
 
 def test_a_table_says_what_names_do_not(folder: Callable, tmp_path: Path) -> None:
@@ -199,8 +192,8 @@ def test_a_table_says_what_names_do_not(folder: Callable, tmp_path: Path) -> Non
 
 def test_a_recording_without_a_row_may_be_left_out(folder: Callable, tmp_path: Path) -> None:
     facts().iloc[1:].to_csv(tmp_path / "info.csv", index=False)
-    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "gravity": -0.5}
-    data = bt.init_dataset(folder(".tdms"), tmp_path / "drops", **options, skip_bad=True)
+    said = {"quantity": "deceleration", "table": tmp_path / "info.csv", "gravity": -0.5}
+    data = bt.init_dataset(folder(".tdms"), tmp_path / "drops", **said, skip_bad=True)
     assert name(0) not in set(data.impacts["impact"])
     assert data.gravity == -0.5
     assert "-0.5 m/s², zero at free fall" in (tmp_path / "drops" / "init.html").read_text()
@@ -217,12 +210,10 @@ def test_everything_that_is_wrong_is_said_at_once(folder: Callable, tmp_path: Pa
     (recorded / f"{name(2)}.tdms").write_bytes(b"no TDMS file")
     time, value = trace(3)
     write_tdms(recorded / f"{name(3)}.tdms", time, -value)
-    options = ("--quantity", "deceleration", "--gravity")
-    given = ("init", recorded, "--out", out, "--table", tmp_path / "info.csv", *options)
-    refused = bayestissue(*given, "down")
+    refused = init(recorded, out, table=tmp_path / "info.csv", gravity="down")
     assert refused.status == 2
     assert "init, column --gravity: found \"down\"; expected 'none' or 'drop'" in refused.err
-    refused = bayestissue(*given, "none")
+    refused = init(recorded, out, table=tmp_path / "info.csv", gravity="none")
     assert refused.status == 2
     for said in (
         f'{name(0)}.tdms, column mass_g: found "heavy"',
@@ -240,14 +231,13 @@ def test_recordings_of_one_dataset_have_one_unit_and_the_channel(folder: Callabl
     recorded, out = folder(".c3d"), tmp_path / "drops"
     c3d(recorded / f"{name(0)}.c3d", {"Impact": trace(0)[1] / 9.80665}, RATE, {"Impact": "g"})
     c3d(recorded / f"{name(1)}.c3d", {"Acc": trace(1)[1]}, RATE, {"Acc": "m/s^2"})
-    options = {"quantity": "deceleration", "channel": "Impact", "unit": "m/s^2", "pattern": f"{PATTERN}.c3d"}
-    given = {"trial": "drop", "velocity_m_s": VELOCITY}
+    said = {"quantity": "deceleration", "channel": "Impact", "unit": "m/s^2", "pattern": f"{PATTERN}.c3d"}
     with pytest.raises(InputError) as refused:
-        bt.init_dataset(recorded, out, **options, given=given)
+        bt.init_dataset(recorded, out, **said, given=FACTS)
     other_unit, no_channel = map(str, refused.value.problems)
     assert f'{name(0)}.c3d, column Impact: found "g"; expected the unit of the other recordings' in other_unit
     assert no_channel.endswith("a channel 'Impact'. Name one of the channels by --channel.")
-    data = bt.init_dataset(recorded, out, **options, given=given, skip_bad=True)
+    data = bt.init_dataset(recorded, out, **said, given=FACTS, skip_bad=True)
     assert len(data.impacts) == len(DROPS) - 2
 
 
@@ -258,8 +248,7 @@ def test_what_is_wrong_may_be_left_out(folder: Callable, tmp_path: Path) -> None
     (recorded / f"{name(2)}.tdms").write_bytes(b"damaged")
     time, value = trace(3)
     write_tdms(recorded / f"{name(3)}.tdms", time, -value)
-    options = ("--pattern", f"{PATTERN}.tdms", "--quantity", "deceleration", *FACTS, "--skip-bad")
-    made = bayestissue("init", recorded, "--out", out, *options)
+    made = init(recorded, out, pattern=f"{PATTERN}.tdms", set=FACTS, skip_bad=True)
     assert made.status == 0
     assert made.out.count("left out: ") == 3
     data = bt.read_dataset(out)
@@ -277,64 +266,31 @@ def test_what_is_wrong_may_be_left_out(folder: Callable, tmp_path: Path) -> None
     assert "without the 3 impacts left out" in bayestissue("check", out).out
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (("--set", "mass_kg=2"), "mass_kg by --pattern and mass_kg by --set"),
-        (("--set", "mass"), "NAME=VALUE"),
-        (("--set", "trace=elsewhere.csv"), "column trace: expected no fact of that name"),
-        (("--channel", "Nothing"), "They have: Impact"),
-        (("--unit", "mm"), 'init, column --unit: found "mm"; expected a unit of acceleration'),
-        (("--pattern", "{subject"), "expected '}'"),
-        (("--pattern", "{subject}.mat"), "files ending in .mat"),
-        (("--scale", "0"), "init, column --scale"),
-        (("--table", "missing.csv"), "missing.csv"),
-    ],
-)
+@pytest.mark.parametrize(("given", "says"), cases(__file__, "refused"))
 def test_options_that_can_t_be_are_refused(
-    options: tuple[str, ...], says: str, folder: Callable, tmp_path: Path
+    given: dict[str, Any], says: str, folder: Callable, tmp_path: Path
 ) -> None:
-    usual = {"--pattern": f"{PATTERN}.tdms", "--quantity": "deceleration"} | dict(
-        zip(options[::2], options[1::2], strict=True)
-    )
-    given = [text for pair in usual.items() for text in pair]
-    more = FACTS if "--set" not in options else ()
-    refused = bayestissue("init", folder(".tdms"), "--out", tmp_path / "drops", *given, *more)
+    usual = {"pattern": f"{PATTERN}.tdms", "set": FACTS}
+    refused = init(folder(".tdms"), tmp_path / "drops", **usual | given)
     assert (refused.status, says in refused.err) == (2, True), refused.err
     assert not (tmp_path / "drops").exists()
 
 
 @pytest.mark.slow
 def test_a_low_pass_is_declared_by_its_entries(folder: Callable, tmp_path: Path) -> None:
-    recorded = folder(".tdms")
-    said = ("init", recorded, "--pattern", f"{PATTERN}.tdms", "--quantity", "deceleration", *FACTS)
-    entries = ("low_pass_hz=1500", "order=4", "kind=bessel", "zero_phase=true", "noise=before")
-    options = [part for entry in entries for part in ("--recorder", entry)]
-    made = bayestissue(*said, "--out", tmp_path / "drops", *options)
+    recorded, said = folder(".tdms"), {"pattern": f"{PATTERN}.tdms", "set": FACTS}
+    stated = {"low_pass_hz": 1500, "order": 4, "kind": "bessel", "zero_phase": True, "noise": "before"}
+    made = init(recorded, tmp_path / "drops", **said, recorder=stated)
     assert made.status == 0
-    expected = LowPassFilter(low_pass_hz=1500, order=4, kind="bessel", zero_phase=True, noise="before")
+    expected = LowPassFilter.model_validate(stated)
     assert bt.read_dataset(tmp_path / "drops").recorder == expected
     page = (tmp_path / "drops" / "init.html").read_text()
     assert "low_pass_hz = 1500, order = 4, kind = bessel, zero_phase = True, noise = before" in page
     assert "noise entered" in made.out
-    given = {"trial": "drop", "velocity_m_s": VELOCITY}
-    pattern, sae = f"{PATTERN}.tdms", {"sae_class": 1000}
-    for number, recorder in enumerate((sae, expected)):
-        out = tmp_path / f"again{number}"
-        data = bt.init_dataset(
-            recorded, out, pattern=pattern, quantity="deceleration", given=given, recorder=recorder
-        )
-        assert data.recorder is not None
-        assert data.recorder == (expected if number else LowPassFilter(sae_class=1000))
-    for entry, words in (
-        ("order=9", "--recorder order"),
-        ("sae=180", "--recorder sae"),
-        ("order", "KEY=VALUE"),
-    ):
-        refused = bayestissue(*said, "--out", tmp_path / "none", "--recorder", entry)
-        assert refused.status == 2
-        assert words in refused.err
-        assert not (tmp_path / "none").exists()
+    of_arrays = {"pattern": f"{PATTERN}.tdms", "quantity": "deceleration", "given": FACTS}
+    for number, recorder in enumerate(({"sae_class": 1000}, expected)):
+        data = bt.init_dataset(recorded, tmp_path / f"again{number}", **of_arrays, recorder=recorder)
+        assert data.recorder == LowPassFilter.model_validate(recorder)
 
 
 def test_markers_are_recorded_displacements(tmp_path: Path) -> None:
@@ -344,22 +300,13 @@ def test_markers_are_recorded_displacements(tmp_path: Path) -> None:
     depth = np.where(time > 0, 0.012 * np.sin(80 * time) * np.exp(-20 * time), 0.0)
     fall = np.where(time > 0, depth, 1.0 * time)
     markers(recorded / "s01.c3d", 100 - 1e3 * fall, rate)
-    said = (
-        "init",
-        recorded,
-        "--out",
-        tmp_path / "drops",
-        "--pattern",
-        "{subject}.c3d",
-        "--set",
-        "trial=drop",
-    )
-    refused = bayestissue(*said, "--set", "mass_kg=0.5")
+    said = {"pattern": "{subject}.c3d", "set": {"trial": "drop", "mass_kg": 0.5}}
+    refused = init(recorded, tmp_path / "drops", **said, quantity=None)
     assert refused.status == 2
     assert "HAMR.x or HAMR.y or HAMR.z or REST.x" in refused.err
     assert "HAMR.z [mm]: 60 samples" in refused.err
-    chosen = ("--channel", "HAMR.z", "--quantity", "displacement", "--scale", "-1")
-    made = bayestissue(*said, "--set", "mass_kg=0.5", *chosen)
+    chosen = {"channel": "HAMR.z", "quantity": "displacement", "scale": -1}
+    made = init(recorded, tmp_path / "drops", **said, **chosen)
     assert made.status == 0, made.err
     data = bt.read_dataset(tmp_path / "drops")
     assert data.quantity == "displacement"
@@ -369,24 +316,14 @@ def test_markers_are_recorded_displacements(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_dataset_is_replaced_only_as_it_was_written(folder: Callable, tmp_path: Path) -> None:
     recorded, out = folder(".tdms"), tmp_path / "recorded" / "drops"
-    again = (
-        "init",
-        recorded,
-        "--out",
-        out,
-        "--pattern",
-        f"{PATTERN}.tdms",
-        "--quantity",
-        "deceleration",
-        *FACTS,
-    )
-    assert bayestissue(*again).status == 0
-    assert bayestissue(*again).status == 2
+    again = {"pattern": f"{PATTERN}.tdms", "set": FACTS}
+    assert init(recorded, out, **again).status == 0
+    assert init(recorded, out, **again).status == 2
     # The dataset lies among the recordings and holds copies of them: it is not taken for more recordings.
-    assert bayestissue(*again, "--overwrite").status == 0
+    assert init(recorded, out, "--overwrite", **again).status == 0
     assert len(bt.read_dataset(out).impacts) == len(DROPS)
     (out / "impacts.csv").write_text((out / "impacts.csv").read_text().replace("drop", "fall"))
-    assert "changed since it was written" in bayestissue(*again, "--overwrite").err
+    assert "changed since it was written" in init(recorded, out, "--overwrite", **again).err
 
 
 def sequence(path: Path, gap_s: float = 1.0) -> list[tuple[float, np.ndarray]]:
@@ -412,34 +349,24 @@ def test_a_crop_leaves_out_what_would_be_refused(folder: Callable, tmp_path: Pat
         {"Time (ms)": table["Time (ms)"].iloc[-1] + 0.1 * np.arange(1, 400), "Impact (g)": -20.0}
     )
     pd.concat([table, more]).to_csv(path, index=False)
-    options = (
-        "init",
-        recorded,
-        "--out",
-        out,
-        "--pattern",
-        f"{PATTERN}.csv",
-        "--quantity",
-        "deceleration",
-        *FACTS,
-    )
-    assert bayestissue(*options).status == 2
-    assert bayestissue(*options, "--crop", "-5", "34.95").status == 0
+    said = {"pattern": f"{PATTERN}.csv", "set": FACTS}
+    assert init(recorded, out, **said).status == 2
+    assert init(recorded, out, "--crop", "-5", "34.95", **said).status == 0
     assert {trace.time_s.size for trace in bt.read_dataset(out).traces} == {400}
     assert "from -5 to 34.95" in (out / "init.html").read_text()
-    assert bayestissue(*options, "--overwrite", "--crop", "3", "2").err.count("--crop") == 1
+    assert init(recorded, out, "--overwrite", "--crop", "3", "2", **said).err.count("--crop") == 1
 
 
 @pytest.mark.slow
-def test_several_impacts_in_one_recording_are_cut_apart_and_numbered(tmp_path: Path) -> None:
+def test_several_impacts_in_one_recording_are_cut_apart_as_many_as_the_table_has(tmp_path: Path) -> None:
     recorded, out = tmp_path / "recorded", tmp_path / "drops"
     recorded.mkdir()
     begins = sequence(recorded / "all.tdms")
     facts(file="all", number=range(1, len(DROPS) + 1)).to_csv(tmp_path / "info.csv", index=False)
-    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "gravity": "none"}
+    said = {"quantity": "deceleration", "table": tmp_path / "info.csv", "gravity": "none"}
     with pytest.raises(InputError, match=r"all\.tdms: found \"8 rows of the table\".*--several"):
-        bt.init_dataset(recorded, out, **options)
-    data = bt.init_dataset(recorded, out, **options, several=True)
+        bt.init_dataset(recorded, out, **said)
+    data = bt.init_dataset(recorded, out, **said, several=True)
     assert list(data.impacts["impact"]) == [f"all-{number}" for number in range(1, len(DROPS) + 1)]
     assert list(data.impacts["mass_kg"]) == [drop[2] for drop in DROPS]
     assert bayestissue("check", out, "--json").status == 0
@@ -448,14 +375,16 @@ def test_several_impacts_in_one_recording_are_cut_apart_and_numbered(tmp_path: P
         np.testing.assert_array_equal(found.value[first : first + value.size], value)
     # The dataset names stretches of the one recording, which is copied once.
     assert list(contents(out / "recordings")) == ["all.tdms"]
+    facts(file="all", number=range(1, len(DROPS) + 1)).iloc[:5].to_csv(tmp_path / "info.csv", index=False)
+    with pytest.raises(InputError, match=r"found \"8 impacts\"; expected 5 impacts, as many as the table"):
+        bt.init_dataset(recorded, tmp_path / "fewer", **said, several=True)
 
 
 def test_a_recording_that_seems_to_hold_several_is_named(tmp_path: Path) -> None:
     recorded = tmp_path / "recorded"
     recorded.mkdir()
     sequence(recorded / "s01.tdms")
-    given = ("--set", "mass_kg=0.5", "--pattern", "{subject}.tdms", *FACTS)
-    made = bayestissue("init", recorded, "--out", tmp_path / "drops", "--quantity", "deceleration", *given)
+    made = init(recorded, tmp_path / "drops", pattern="{subject}.tdms", set=FACTS | {"mass_kg": 0.5})
     # Eight impacts together lose more speed than one can have: refused, and with a way out.
     assert made.status == 2
     assert "--several" in made.err
@@ -472,13 +401,12 @@ def test_impacts_soon_after_each_other_are_told_and_cut_apart(tmp_path: Path) ->
     value = np.concatenate([pause[0], one, pause[1], other, pause[2], one, pause[3]])
     value += draw(0, 0.05, value.size)
     write_tdms(recorded / "p1.tdms", np.array([0.0]), value)
-    options = ("init", recorded, "--quantity", "deceleration", *FACTS, "--set", "mass_kg=0.5")
-    options = (*options, "--set", "subject=p1", "--several")
-    merged = bayestissue(*options, "--out", tmp_path / "two")
+    said = {"set": FACTS | {"mass_kg": 0.5, "subject": "p1"}, "several": True}
+    merged = init(recorded, tmp_path / "two", **said)
     assert merged.status == 0, merged.err
     assert "p1-1: a blow of half the height or more follows or precedes the highest, by 0.15 s" in merged.out
     advice = merged.out.split("another impact, add --several ")[1].split(".\n")[0].split()
-    made = bayestissue(*options, *advice, "--out", tmp_path / "three")
+    made = init(recorded, tmp_path / "three", *advice, **said)
     assert len(bt.read_dataset(tmp_path / "three").impacts) == 3
     assert "a blow of half the height" not in made.out
 
@@ -493,28 +421,16 @@ def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:
     (recorded / "all.tdms").unlink()
     table = facts(file="all", number=range(1, len(DROPS) + 1))
     table.to_csv(tmp_path / "info.csv", index=False)
-    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "several": True, "gravity": "none"}
+    said = {"quantity": "deceleration", "table": tmp_path / "info.csv", "several": True, "gravity": "none"}
     with pytest.raises(InputError, match="--rate-hz"):
-        bt.init_dataset(recorded, tmp_path / "drops", **options)
+        bt.init_dataset(recorded, tmp_path / "drops", **said)
     table.assign(sampling_rate_hz=RATE).to_csv(tmp_path / "info.csv", index=False)
-    data = bt.init_dataset(recorded, tmp_path / "drops", **options)
+    data = bt.init_dataset(recorded, tmp_path / "drops", **said)
     assert len(data.impacts) == len(DROPS)
     text = (recorded / "all.csv").read_text().splitlines()
     (recorded / "all.csv").write_text("\n".join([*text[:100], "overload", *text[101:]]))
     with pytest.raises(InputError, match=r"found .no number at 1 of .*expected finite numbers"):
-        bt.init_dataset(recorded, tmp_path / "more", **options)
-
-
-def test_as_many_impacts_as_the_table_has_rows(tmp_path: Path) -> None:
-    recorded = tmp_path / "recorded"
-    recorded.mkdir()
-    sequence(recorded / "all.tdms")
-    facts(file="all", number=range(1, len(DROPS) + 1)).iloc[:5].to_csv(tmp_path / "info.csv", index=False)
-    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "gravity": "none"}
-    with pytest.raises(
-        InputError, match=r"found \"8 impacts\"; expected 5 impacts, as many as the table has"
-    ):
-        bt.init_dataset(recorded, tmp_path / "drops", **options, several=True)
+        bt.init_dataset(recorded, tmp_path / "more", **said)
 
 
 def test_where_contact_falls_is_asked_where_recordings_begin_there(tmp_path: Path) -> None:
@@ -523,12 +439,11 @@ def test_where_contact_falls_is_asked_where_recordings_begin_there(tmp_path: Pat
     for which in range(4):
         time, value = trace(which)
         write_csv(recorded / f"{name(which)}.csv", time[time >= 0], value[time >= 0])
-    said = ("init", recorded, "--quantity", "deceleration", "--pattern", PATTERN, *FACTS, "--overwrite")
-    asked = bayestissue(*said, "--out", tmp_path / "asked")
+    asked = init(recorded, tmp_path / "asked", pattern=PATTERN, set=FACTS)
     assert asked.status == 0
     assert "by --contact on_sample, of a recorder that contact triggers" in asked.out
     for contact in ("on_sample", "between"):
-        made = bayestissue(*said, "--out", out := tmp_path / contact, "--contact", contact)
+        made = init(recorded, out := tmp_path / contact, pattern=PATTERN, set=FACTS, contact=contact)
         assert "by --contact" not in made.out
         assert bt.read_dataset(out).contact == contact
 
@@ -539,6 +454,4 @@ def test_where_contact_falls_is_not_asked_of_recordings_that_tell(tmp_path: Path
         late = (which + 0.5) / len(DROPS) / RATE
         time, value = deceleration(DROPS[which][2], VELOCITY, late)
         write_csv(recorded / f"{name(which)}.csv", time - time[0], value)
-    said = ("init", recorded, "--quantity", "deceleration", "--pattern", PATTERN, *FACTS)
-    told = bayestissue(*said, "--out", tmp_path / "told")
-    assert "by --contact" not in told.out
+    assert "by --contact" not in init(recorded, tmp_path / "told", pattern=PATTERN, set=FACTS).out

@@ -10,13 +10,14 @@ import pytest
 import bayestissue as bt
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.source_files import Source
-from command_line import bayestissue
+from command_line import Outcome, init
 from dataset_bench import deceleration
 from recorder_files import workbook, xlsx
 
 SHEETS = ("before_left", "before_right", "after_left", "after_right")
 PEOPLE = ("p1", "p2", "p10")
 VELOCITY = 1.2
+MASS = {"mass_kg": 1}
 
 
 def recorded(which: int) -> tuple[np.ndarray, np.ndarray]:
@@ -24,10 +25,7 @@ def recorded(which: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rows(which: int) -> list[list[object]]:
-    return [
-        ["Time (s)", "Acc (m/s^2)"],
-        *([t, a] for t, a in zip(*map(np.ndarray.tolist, recorded(which)), strict=True)),
-    ]
+    return [["Time (s)", "Acc (m/s^2)"], *np.column_stack(recorded(which)).tolist()]
 
 
 @pytest.fixture(scope="module")
@@ -37,40 +35,24 @@ def clinic(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "books").mkdir()
     for person, name in enumerate(PEOPLE):
         sheets = {sheet: rows(4 * person + n) for n, sheet in enumerate(SHEETS)}
-        notes: list[list[object]] = [["examiner", "A. B."], ["age", 41]]
-        workbook(
-            folder / "books" / f"{name}.xlsx",
-            {"notes": notes, "Sheet9": [], **sheets, "raw": rows(99)},
-            hidden=("raw",),
-        )
-    patients = [
-        ["subject", "group", "mass_kg"],
-        ["P1", "treated", 1],
-        ["p2", "control", 1],
-        ["p10", "control", 1],
-    ]
-    xlsx(folder / "patients.xlsx", [*patients, ["p11", "treated", 1]])
+        sheets = {"notes": [["examiner", "A. B."], ["age", 41]], "Sheet9": [], **sheets, "raw": rows(99)}
+        workbook(folder / "books" / f"{name}.xlsx", sheets, hidden=("raw",))
+    patients = [("P1", "treated", 1), ("p2", "control", 1), ("p10", "control", 1), ("p11", "treated", 1)]
+    xlsx(folder / "patients.xlsx", [["subject", "group", "mass_kg"], *map(list, patients)])
     return folder
 
 
-def init(clinic: Path, out: Path, *options: str | Path):
-    velocity = ("--set", f"velocity_m_s={VELOCITY}")
-    return bayestissue(
-        "init", clinic / "books", "--out", out, "--quantity", "deceleration", *velocity, *options
-    )
+def made_of(clinic: Path, out: Path, facts: dict[str, object] | None = None, **given: object) -> Outcome:
+    return init(clinic / "books", out, set={"velocity_m_s": VELOCITY} | (facts or {}), **given)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("pattern", [None, "{subject}.xlsx#{session}_{side}", "{subject}#{session}_{side}"])
 def test_each_sheet_is_a_recording(pattern: str | None, clinic: Path, tmp_path: Path) -> None:
-    said = ("--pattern", pattern) if pattern else ()
-    made = init(clinic, tmp_path / "d", "--set", "mass_kg=1", *said)
+    made = made_of(clinic, tmp_path / "d", MASS, pattern=pattern)
     assert (made.status, made.err) == (0, "")
     assert "passed over: hidden sheets: p1.xlsx (raw), p2.xlsx (raw), p10.xlsx (raw)" in made.out
-    assert (
-        "passed over: sheets without a recording: p1.xlsx (notes), p2.xlsx (notes), p10.xlsx (notes)"
-        in made.out
-    )
+    assert "sheets without a recording: p1.xlsx (notes), p2.xlsx (notes), p10.xlsx (notes)" in made.out
     data = bt.read_dataset(tmp_path / "d")
     table = data.impacts
     assert table["impact"].iloc[0] == "p1_before_left"
@@ -83,19 +65,19 @@ def test_each_sheet_is_a_recording(pattern: str | None, clinic: Path, tmp_path: 
 
 
 def test_a_table_of_one_row_a_person_is_joined(clinic: Path, tmp_path: Path) -> None:
-    made = init(clinic, tmp_path / "d", "--table", clinic / "patients.xlsx")
+    made = made_of(clinic, tmp_path / "d", table=clinic / "patients.xlsx")
     assert (made.status, made.err) == (0, "")
     assert "passed over: rows of patients.xlsx without a recording: p11" in made.out
     table = bt.read_dataset(tmp_path / "d").impacts
     assert table["subject"].tolist() == [who for who in PEOPLE for _ in SHEETS]
     assert table["group"].tolist() == ["treated"] * 4 + ["control"] * 8
     (tmp_path / "few.csv").write_text("subject,side,mass_kg\np1,left,1\np1,right,1\np2,left,1\np2,left,2\n")
-    refused = init(clinic, tmp_path / "e", "--table", tmp_path / "few.csv")
+    refused = made_of(clinic, tmp_path / "e", table=tmp_path / "few.csv")
     assert refused.status == 2
     assert "expected a row for subject p2, side right (p2.xlsx#before_right)" in refused.err
     assert "expected one row for subject p2, side left" in refused.err
     (tmp_path / "few.csv").write_text("athlete_name,mass_kg\np1,1\n")
-    refused = init(clinic, tmp_path / "e", "--table", tmp_path / "few.csv")
+    refused = made_of(clinic, tmp_path / "e", table=tmp_path / "few.csv")
     assert "expected a column file, or one that the names of the recordings have too" in refused.err
     assert not (tmp_path / "e").exists()
 
@@ -105,7 +87,7 @@ def test_a_pattern_without_sheets_reads_the_first_and_says_so(clinic: Path, tmp_
     book.mkdir()
     for n, who in enumerate(("p1", "p2")):
         workbook(book / f"{who}.xlsx", {sheet: rows(2 * n + m) for m, sheet in enumerate(SHEETS[:2])})
-    made = init(tmp_path, tmp_path / "d", "--set", "mass_kg=1", "--pattern", "{subject}.xlsx")
+    made = made_of(tmp_path, tmp_path / "d", MASS, pattern="{subject}.xlsx")
     assert made.status == 0, made.err
     how = '--pattern "{subject}.xlsx#{}" reads each'
     said = f"passed over: sheets behind the first ({how}): p1.xlsx (before_right)"
@@ -119,19 +101,17 @@ def test_a_workbook_of_one_recording_has_its_own_name(tmp_path: Path) -> None:
     (tmp_path / "books").mkdir()
     for n, who in enumerate(("p1_left", "p1_right")):
         workbook(tmp_path / "books" / f"{who}.xlsx", {"Sheet1": rows(n), "Sheet2": [], "Sheet3": []})
-    made = init(tmp_path, tmp_path / "d", "--set", "mass_kg=1")
+    made = made_of(tmp_path, tmp_path / "d", MASS)
     assert made.status == 0, made.err
     assert bt.read_dataset(tmp_path / "d").impacts["impact"].tolist() == ["p1_left", "p1_right"]
     workbook(tmp_path / "books" / "p1_left.xlsx", {"Sheet1": [], "Sheet2": []})
-    assert (
-        'p1_left.xlsx#Sheet1: found "empty sheets"'
-        in init(tmp_path, tmp_path / "e", "--set", "mass_kg=1").err
-    )
+    refused = made_of(tmp_path, tmp_path / "e", MASS)
+    assert 'p1_left.xlsx#Sheet1: found "empty sheets"' in refused.err
 
 
 @pytest.mark.slow
 def test_a_sheet_that_is_not_there_is_told(clinic: Path, tmp_path: Path) -> None:
-    assert init(clinic, tmp_path / "d", "--set", "mass_kg=1").status == 0
+    assert made_of(clinic, tmp_path / "d", MASS).status == 0
     impacts = tmp_path / "d" / "impacts.csv"
     impacts.write_text(impacts.read_text().replace("p1.xlsx#before_left", "p1.xlsx#before"))
     with pytest.raises(

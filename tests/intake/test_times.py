@@ -16,7 +16,7 @@ from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.clock_times import seconds
 from bayestissue.recordings.dataset.recorders import contents_of
 from bayestissue.recordings.dataset.source_files import Source
-from command_line import bayestissue
+from command_line import init
 from dataset_bench import deceleration
 from recorder_files import Styled, xlsx
 
@@ -170,11 +170,9 @@ def test_a_time_that_stands_twice_is_refused_without_numpy_s_warnings(tmp_path: 
     cells = pd.DataFrame({"t": time.round(3), "a": value})
     cells.to_csv(tmp_path / "rec" / "r.csv", index=False)
     facts = {"mass_kg": 0.5, "velocity_m_s": 1.2, "subject": "s", "trial": "x"}
-    sets = [text for name, fact in facts.items() for text in ("--set", f"{name}={fact}")]
-    options = ("--quantity", "deceleration", "--unit", "m/s^2", *sets)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        refused = bayestissue("init", tmp_path / "rec", "--out", tmp_path / "out", *options)
+        refused = init(tmp_path / "rec", tmp_path / "out", unit="m/s^2", set=facts)
     assert refused.status == 2
     assert "times-disorder" in refused.err
     assert "RuntimeWarning" not in refused.err
