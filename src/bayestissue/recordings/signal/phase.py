@@ -6,8 +6,9 @@ contact, which holds the jump C V / M, or, where that one was written as 0, at t
 the three it is hardly shows in one trace, but is common to all.
 
 Each trace by itself has contact at t_i before its first sample in contact, by least squares with a standard
-error s_i. A velocity e (as a fraction) above the stated one moves t_i by -e m_i, and may be common to all
-traces. With D the sampling interval and n(.) a standard normal's density, the evidence of each account is
+error s_i. A velocity e (as a fraction) above the stated one moves t_i by -e m_i. It may be common to all
+traces, or each impact's own, which s_i has beside the noise. With D the sampling interval and n(.) a standard
+normal's density, the evidence of each account is
 
     p = int prod_i p_i(t_i + e m_i) dP(e),   p_i(t) = n((t - c) / s_i) / s_i,   c = 0 or D,
 
@@ -130,7 +131,7 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
     if declared:
         needed = -PHASE.clear if prior[1] > prior[0] else PHASE.clear
         kind: Kind = "before" if accounts[1] > accounts[0] + needed else "first"
-        return Phase(kind, contradicted=_spread(evidence, accounts, anywhere))
+        return Phase(kind, contradicted=_spread(evidence, velocity_sd, accounts, anywhere))
     if max(accounts) < anywhere:
         return BETWEEN
     with np.errstate(divide="ignore"):
@@ -143,9 +144,9 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
     return Phase("undecided", False, *_of_another(evidence, velocity_sd))
 
 
-def _spread(evidence: ContactEvidence, accounts: list[float], anywhere: float) -> bool:
+def _spread(evidence: ContactEvidence, velocity_sd: Column, accounts: list[float], anywhere: float) -> bool:
     """Whether contact is clearly between samples, and not by an error that all recordings have alike."""
-    t, s = ((part / evidence.dt)[evidence.bracketed] for part in (evidence.before_s, evidence.sd))
+    (t,), s = _in_intervals(evidence, velocity_sd, 1)
     apart = t.size > 1 and np.var(t, ddof=1) - np.mean(s**2) > PHASE.apart**2
     return bool(apart and accounts[2] > max(anywhere, PHASE.contradicts + max(accounts[:2])))
 
@@ -187,13 +188,14 @@ def _log_evidence(
 def _in_intervals(
     evidence: ContactEvidence, velocity_sd: Column, nodes: int
 ) -> tuple[Float[np.ndarray, "node impact"], Column]:
-    """t_i in sampling intervals, by quantiles of the velocity's error, and s_i, of impacts that tell."""
+    """t_i in sampling intervals, by quantiles of a velocity's error of all, and s_i, of impacts that tell."""
     t, s, moved = (
         part[evidence.bracketed] / evidence.dt[evidence.bracketed]
         for part in (evidence.before_s, evidence.sd, evidence.by_velocity)
     )
-    quantiles = norm.ppf(_even(nodes))[:, None]
-    return t + quantiles * moved * velocity_sd[evidence.bracketed], np.hypot(s, PHASE.least_sd)
+    by_velocity = moved * velocity_sd[evidence.bracketed]
+    common = norm.ppf(_even(nodes))[:, None] * by_velocity
+    return t + common, np.sqrt(s**2 + by_velocity**2 + PHASE.least_sd**2)
 
 
 def _log_within(t: np.ndarray, width: float, sd: Column) -> np.ndarray:
