@@ -138,9 +138,8 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
         posterior = np.log([*prior, 1 - prior.sum()]) + accounts
     shares = np.exp(posterior - logsumexp(posterior))
     kinds: tuple[Kind, ...] = ("first", "before", "between")
-    for kind, share in zip(kinds, shares, strict=True):
-        if share > PHASE.sure:
-            return Phase(kind, judged=True)
+    if np.max(shares) > PHASE.sure:
+        return Phase(kinds[np.argmax(shares)], judged=True)
     return Phase("undecided", False, *_of_another(evidence, velocity_sd))
 
 
