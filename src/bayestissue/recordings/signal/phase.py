@@ -136,7 +136,7 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
         return BETWEEN
     with np.errstate(divide="ignore"):
         posterior = np.log([*prior, 1 - prior.sum()]) + accounts
-    shares = np.exp(posterior - logsumexp(posterior))
+    shares = softmax(posterior)
     kinds: tuple[Kind, ...] = ("first", "before", "between")
     if np.max(shares) > PHASE.sure:
         return Phase(kinds[np.argmax(shares)], judged=True)
