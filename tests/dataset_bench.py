@@ -139,29 +139,19 @@ MASSES = (0.5, 0.8, 1.0, 1.3)
 
 
 def tables() -> tuple[pd.DataFrame, pd.DataFrame]:
-    impacts = pd.DataFrame(
-        {
-            "impact": NAMES,
-            "subject": ["s1", "s1", "s2", "s2"],
-            "trial": ["light", "heavy", "light", "heavy"],
-            "mass_kg": MASSES,
-            "velocity_m_s": [1.0, 1.1, 1.2, 0.9],
-            "skinfold_mm": [11.5, 11.5, 14.0, 14.0],
-            "sex": ["f", "f", "m", "m"],
-        }
-    )
-    parts = [
-        deceleration(mass, velocity)
-        for mass, velocity in zip(impacts["mass_kg"], impacts["velocity_m_s"], strict=True)
-    ]
-    traces = pd.DataFrame(
-        {
-            "impact": np.repeat(NAMES, SAMPLES),
-            "time_s": np.concatenate([time for time, _ in parts]),
-            "value": np.concatenate([value for _, value in parts]),
-        }
-    )
-    return impacts, traces
+    """The tables of a dataset of four impacts, and of their samples."""
+    impacts = pd.DataFrame({"impact": NAMES, "subject": ["s1", "s1", "s2", "s2"]})
+    impacts = impacts.assign(trial=["light", "heavy"] * 2, mass_kg=MASSES, velocity_m_s=[1.0, 1.1, 1.2, 0.9])
+    impacts = impacts.assign(skinfold_mm=[11.5, 11.5, 14.0, 14.0], sex=["f", "f", "m", "m"])
+    return impacts, samples_of(impacts)
+
+
+def samples_of(impacts: pd.DataFrame, late: float = 0.0) -> pd.DataFrame:
+    """A table of the samples of impacts, each by its mass and velocity."""
+    motions = zip(impacts["mass_kg"], impacts["velocity_m_s"], strict=True)
+    time, value = zip(*(deceleration(mass, velocity, late) for mass, velocity in motions), strict=True)
+    names = np.repeat(impacts["impact"].to_numpy(), SAMPLES)
+    return pd.DataFrame({"impact": names, "time_s": np.concatenate(time), "value": np.concatenate(value)})
 
 
 SETTINGS: dict[str, Any] = {

@@ -6,11 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
 
 from bayestissue.base.errors import InputError
-from bayestissue.cli import app
 from bayestissue.commands.finished_runs import compare
+from command_line import bayestissue
+from make_fit_run import make_fit_run
 from make_scored_run import IMPACTS, make_scored_run
 
 SCHEMES = ["leave one impact out", "leave one subject out", "leave one trial out"]
@@ -98,20 +98,16 @@ def test_run_json_tells_what_was_compared(out):
 
 
 def test_json_prints_all_tables(runs):
-    result = CliRunner().invoke(app, ["compare", str(runs["a2"]), str(runs["arma"]), "--json"])
-    assert result.exit_code == 0, result.output
-    tables = json.loads(result.output)
+    tables = json.loads(bayestissue("compare", runs["a2"], runs["arma"], "--json").out)
     assert len(tables["comparison"]) == 6
     assert {row["run"] for row in tables["posteriors"]} == {"a2", "arma"}
     assert set(tables) == {"comparison", "posteriors", "answers"}
 
 
-def test_the_console_shows_both_tables_and_quiet_shows_nothing(runs):
-    words = [str(runs["a2"]), str(runs["impact"])]
-    said = CliRunner().invoke(app, ["compare", *words]).output
+def test_the_console_shows_both_tables(runs):
+    said = bayestissue("compare", runs["a2"], runs["impact"]).out
     for part in (*SCHEMES, "not comparable", "K of a new impact on a new person at the reference mass (N/m)"):
         assert part in said
-    assert CliRunner().invoke(app, ["compare", *words, "--quiet"]).output == ""
 
 
 def test_runs_of_one_name_are_told_apart_by_their_paths(tmp_path):
@@ -120,13 +116,17 @@ def test_runs_of_one_name_are_told_apart_by_their_paths(tmp_path):
     assert set(pd.read_csv(tmp_path / "out" / "comparison.csv")["model"]) == {"one/run", "two/run"}
 
 
-def test_one_run_is_none_to_compare(runs):
-    assert "at least two folders" in refused(runs["a2"])
-
-
-def test_the_same_run_twice_is_refused(runs):
-    said = refused(runs["a2"], runs["a2"] / ".." / "a2")
-    assert "another run than" in said
+def test_what_is_no_two_fits_with_densities_is_refused(runs, tmp_path):
+    reproduction = make_scored_run(tmp_path / "reproduction", about={"kind": "published"})
+    bare = make_fit_run(tmp_path / "bare")
+    for parts, *wrong in (
+        (["at least two folders"], runs["a2"]),
+        (["another run than"], runs["a2"], runs["a2"] / ".." / "a2"),
+        (['"published"', "nothing"], runs["a2"], reproduction, tmp_path / "nothing"),
+        (["log_likelihood/trace"], runs["a2"], bare),
+    ):
+        said = refused(*wrong)
+        assert all(part in said for part in parts)
 
 
 def test_runs_of_different_data_are_named_both(runs, tmp_path):
@@ -134,23 +134,3 @@ def test_runs_of_different_data_are_named_both(runs, tmp_path):
     said = refused(runs["a2"], other)
     for part in ("other", str(runs["a2"]), "0123456789abcdef", "ffffffff", "heels"):
         assert part in said
-
-
-def test_everything_that_is_no_fit_is_named_at_once(runs, tmp_path):
-    reproduction = make_scored_run(tmp_path / "reproduction", about={"kind": "published"})
-    said = refused(runs["a2"], reproduction, tmp_path / "nothing")
-    assert '"published"' in said
-    assert "nothing" in said
-
-
-def test_a_run_without_densities_is_named(runs, tmp_path):
-    from make_fit_run import make_fit_run
-
-    said = refused(runs["a2"], make_fit_run(tmp_path / "bare"))
-    assert "log_likelihood/trace" in said
-
-
-def test_a_full_folder_is_refused(runs, tmp_path):
-    (tmp_path / "kept").write_text("kept")
-    with pytest.raises(InputError, match="a folder that is not empty"):
-        compared(runs["a2"], runs["arma"], out=tmp_path)

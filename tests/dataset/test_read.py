@@ -171,9 +171,6 @@ def test_check_writes_quality_figures(lab: Lab, tmp_path: Path) -> None:
     page = (out / "check.html").read_text()
     assert "bench: fine" in page
     assert page.count('class="chart"') == 1
-    refused = bayestissue("check", lab.folder, "--out", out)
-    assert refused.status == 2
-    assert "--overwrite" in refused.err
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from stand_in import kernel
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
@@ -14,6 +13,7 @@ from bayestissue.studies.planning.planned_study import study_of
 from bayestissue.studies.planning.running import RunningPrior
 from bayestissue.studies.simulation import Simulation, simulate, write_campaign
 from command_line import bayestissue
+from stand_in_planner import kernel
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from stand_in import kernel
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
@@ -18,6 +17,7 @@ from bayestissue.reports.pages.plan_page import page_of
 from bayestissue.studies.planning.plan import Plan
 from command_line import bayestissue
 from page_reader import Reader
+from stand_in_planner import kernel
 
 EXPONENT = "mass_exponent_K < 0.5"
 PLAN = """
