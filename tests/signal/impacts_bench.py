@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+import bayestissue as bt
 from bayestissue.recordings.dataset.dataset_file import Contact, Uncertainty
 
 
@@ -26,6 +29,22 @@ class Lab:
     gravity: float = 0.0
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     contact: Contact | None = None
+
+    def changed(self, change: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Lab:
+        """The same with other times and values in each recording."""
+        pairs = [change(trace.time_s, trace.value.copy()) for trace in self.traces]
+        return replace(self, traces=[Recorded(time, value) for time, value in pairs])
+
+    def moved(self, by: float) -> Lab:
+        """The same on a clock that is ahead."""
+        return self.changed(lambda time, value: (time + by, value))
+
+    def dataset(self, mass: float = 0.5, *, columns: dict[str, Any] | None = None, **said: Any) -> bt.Dataset:
+        """The same as a caller in Python has it: impacts of one person, unless the columns say others."""
+        names = [f"i{number}" for number in range(len(self.impacts))]
+        impacts = self.impacts.assign(impact=names, mass_kg=mass, **{"subject": "s"} | (columns or {}))
+        traces = [(trace.time_s, trace.value) for trace in self.traces]
+        return bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2", **said)
 
     def select(self, rows: slice) -> Lab:
         return replace(self, impacts=self.impacts.iloc[rows], traces=self.traces[rows])

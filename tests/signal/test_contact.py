@@ -43,9 +43,7 @@ def test_contact_of_a_recording_cut_there_lies_within_an_interval_of_its_first_s
 
 def test_the_clock_means_nothing_to_the_automatic_choice():
     lab = record([Impact(67.0, 0.28)], 1e4, before=0.02, phase=0.4, noise=0.005)
-    moved = record([Impact(67.0, 0.28)], 1e4, before=0.02, phase=0.4, noise=0.005)
-    moved.traces[0] = Recorded(moved.traces[0].time_s + 7.0, moved.traces[0].value)
-    here, there = displacements(lab), displacements(moved)
+    here, there = displacements(lab), displacements(lab.moved(7.0))
     np.testing.assert_allclose(here.x, there.x, rtol=1e-8)
     assert there.contact_time_s[0] - here.contact_time_s[0] == pytest.approx(7.0, abs=1e-9)
 
@@ -61,8 +59,7 @@ def test_time_zero_is_contact_where_the_options_say_so():
 
 @pytest.mark.parametrize("clock", [-0.004, 0.004])
 def test_time_zero_far_from_contact_is_flagged(clock):
-    lab = record([Impact(67.0, 0.28)], 1e4, before=0.02, noise=0.005)
-    lab.traces[0] = Recorded(lab.traces[0].time_s + clock, lab.traces[0].value)
+    lab = record([Impact(67.0, 0.28)], 1e4, before=0.02, noise=0.005).moved(clock)
     made = displacements(lab, SignalOptions(contact="time-zero"))
     assert "contact as chosen is more than 1 ms from where the trace shows it" in made.flags[0]
     assert displacements(lab).flags == [[]]
@@ -119,8 +116,7 @@ def test_a_force_that_rises_from_zero_may_have_begun_well_before_it_shows():
     for _ in range(40):
         time = np.arange(-200, 200) * dt
         value = slope * np.maximum(time, 0.0) / dt + rng.standard_normal(len(time))
-        lab = record([Impact(67.0, 0.28)], 1e4, before=0.02)
-        lab.traces[0] = Recorded(time, value)
+        lab = replace(record([Impact(67.0, 0.28)], 1e4), traces=[Recorded(time, value)])
         made = displacements(lab)
         contact = (made.contact_time_s + made.contact.since_s)[0]
         assert made.before.reach_s[0] > contact
@@ -192,8 +188,7 @@ def test_a_sound_recording_begins_where_it_began():
 
 def test_few_samples_behind_a_drift_are_no_contact():
     lab = record([Impact(45.0, 0.28)], 200, before=0.1, after=0.2, noise=0.005)
-    trace = lab.traces[0]
-    drifts = replace(lab, traces=[Recorded(trace.time_s, trace.value + 40 * np.minimum(trace.time_s, 0))])
+    drifts = lab.changed(lambda time, value: (time, value + 40 * np.minimum(time, 0)))
     cut = displacements(drifts, SignalOptions(window=0.5))
     assert cut.flags == [[NO_CONTACT]]
     assert TOO_FEW in displacements(lab, SignalOptions(window=0.5)).flags[0]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from impacts_bench import Impact, Lab, Recorded, record
+from impacts_bench import Impact, Lab, record
 
 import bayestissue as bt
 from bayestissue.base.resources import shared
@@ -29,18 +29,12 @@ def lab(phase: np.ndarray | float, *, noise: float = 0.002, seed: int = 0, numbe
 
 def with_zero_at_contact(lab: Lab) -> Lab:
     """The same where whoever wrote it has no force yet at time 0."""
-    traces = [Recorded(t.time_s, np.where(np.abs(t.time_s) < 0.1 / RATE, 0.0, t.value)) for t in lab.traces]
-    return replace(lab, traces=traces)
-
-
-def moved(lab: Lab, by: float) -> Lab:
-    """The same on a clock that knows nothing of contact."""
-    return replace(lab, traces=[Recorded(t.time_s + by, t.value) for t in lab.traces])
+    return lab.changed(lambda time, value: (time, np.where(np.abs(time) < 0.1 / RATE, 0.0, value)))
 
 
 @pytest.mark.parametrize("clock", [0.0, 0.0137])
 def test_contact_at_a_sample_of_every_recording_is_found(clock):
-    made = displacements(moved(lab(0.0), clock))
+    made = displacements(lab(0.0).moved(clock))
     assert made.phase.kind == "first"
     assert made.phase.judged
     assert (made.contact.since_s == 0).all()
@@ -50,7 +44,7 @@ def test_contact_at_a_sample_of_every_recording_is_found(clock):
 
 @pytest.mark.parametrize("clock", [0.0, 0.0137])
 def test_a_contact_that_was_written_as_no_force_is_one_sample_earlier(clock):
-    made = displacements(moved(with_zero_at_contact(lab(0.0)), clock))
+    made = displacements(with_zero_at_contact(lab(0.0)).moved(clock))
     assert made.phase.kind == "before"
     np.testing.assert_allclose(made.contact.since_s, 1 / RATE, rtol=1e-9)
 
@@ -72,7 +66,7 @@ def test_contact_anywhere_is_told_to_be_anywhere():
 
 def test_one_recording_alone_tells_little():
     here = lab(0.0, noise=0.01, number=1)
-    elsewhere = displacements(moved(here, 0.0137)).phase
+    elsewhere = displacements(here.moved(0.0137)).phase
     assert elsewhere.kind == "undecided"
     assert elsewhere.sd > 0.4
     made = displacements(here)
@@ -86,7 +80,7 @@ def test_one_recording_alone_tells_little():
 def test_what_recordings_hardly_tell_is_estimated_of_all():
     """The place that all share is known to the error of a mean, and how they scatter beyond their errors."""
     for place in (0.0, 0.3):
-        made = displacements(moved(lab(place, noise=0.01, seed=3, number=12), 0.0137)).phase
+        made = displacements(lab(place, noise=0.01, seed=3, number=12).moved(0.0137)).phase
         if made.kind == "undecided":
             assert made.mean == pytest.approx(place - 0.5, abs=2.5 * made.sd)
             assert made.sd < 0.4
@@ -95,7 +89,7 @@ def test_what_recordings_hardly_tell_is_estimated_of_all():
 def test_a_velocity_that_is_hardly_known_leaves_contact_open():
     # 1 % of the velocity moves contact by half an interval here, and by as much in every recording.
     unsure = replace(lab(0.0, noise=0.01), uncertainty=Uncertainty(velocity_sd_m_s=0.03))
-    assert displacements(moved(unsure, 0.0137)).phase.kind == "undecided"
+    assert displacements(unsure.moved(0.0137)).phase.kind == "undecided"
     made = displacements(unsure).phase
     assert made.kind == "undecided"
     assert made.sd > 0.3
@@ -148,9 +142,7 @@ def test_contact_at_a_sample_is_not_contradicted(noise: float, faster: float, se
 def test_an_impact_by_itself_has_the_place_of_contact_as_a_parameter() -> None:
     made = lab(0.0, noise=0.01, number=1)
     assert displacements(made).phase.kind == "undecided"
-    impacts = made.impacts.assign(impact="i", subject="s", mass_kg=0.5)
-    traces = [(made.traces[0].time_s, made.traces[0].value)]
-    row = bt.estimate(bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2")).iloc[0]
+    row = bt.estimate(made.dataset()).iloc[0]
     assert row["C_low_N_s_per_m"] < 12 < row["C_high_N_s_per_m"]
 
 
@@ -163,13 +155,8 @@ def test_intervals_of_C_hold_wherever_contact_is(anywhere, noise):
     random, datasets = np.random.default_rng(7), 16
     held = []
     for seed in range(100, 100 + datasets):
-        made = moved(lab(random.uniform(size=NUMBER) if anywhere else 0.0, noise=noise, seed=seed), 0.0137)
-        traces = [(trace.time_s, trace.value) for trace in made.traces]
-        impacts = made.impacts.assign(
-            impact=[f"i{number}" for number in range(NUMBER)], subject="s", mass_kg=0.5
-        )
-        data = bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2")
-        table = bt.estimate(data)
+        made = lab(random.uniform(size=NUMBER) if anywhere else 0.0, noise=noise, seed=seed).moved(0.0137)
+        table = bt.estimate(made.dataset())
         held.append(((table["C_low_N_s_per_m"] <= 12) & (table["C_high_N_s_per_m"] >= 12)).mean())
     error = np.std(held, ddof=1) / np.sqrt(datasets)
     assert 0.85 - 2 * error < np.mean(held) < 0.95 + 2 * error
@@ -187,13 +174,10 @@ def test_tissue_that_is_damped_beyond_the_critical_tells_nothing_of_the_phase() 
 def test_a_fit_finds_the_place_of_contact_that_all_recordings_share() -> None:
     """A clock that begins at contact, says who cut the recordings; it was a third of an interval before."""
     late, random = 1 / 3, np.random.default_rng(5)
-    made = lab(late, noise=0.008, seed=5, number=24)
-    traces = [(trace.time_s - late / RATE, trace.value) for trace in made.traces]
-    people = [f"s{number // 4}" for number in range(24)]
-    impacts = made.impacts.assign(impact=np.arange(24).astype(str), subject=people, mass_kg=0.5)
-    impacts = impacts.assign(velocity_m_s=impacts["velocity_m_s"] * np.exp(random.normal(0, 0.002, 24)))
-    uncertainty = Uncertainty(velocity_sd_m_s=0.02)
-    data = bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2", uncertainty=uncertainty)
+    made = lab(late, noise=0.008, seed=5, number=24).moved(-late / RATE)
+    velocity = made.impacts["velocity_m_s"] * np.exp(random.normal(0, 0.002, 24))
+    columns = {"subject": [f"s{number // 4}" for number in range(24)], "velocity_m_s": velocity}
+    data = made.dataset(columns=columns, uncertainty=Uncertainty(velocity_sd_m_s=0.02))
     assert displacements(data).phase.kind == "undecided"
     fit = bt.fit(data)
     assert fit.diagnostics["passed"]
@@ -208,9 +192,7 @@ def test_a_fit_finds_the_place_of_contact_that_all_recordings_share() -> None:
 def hidden() -> Dataset:
     """Contact at a sample of each recording, and noise that hides the jump in some of them."""
     made = record([TISSUE] * 20, RATE / 4, before=0.1, phase=np.zeros(20), noise=0.04, seed=3)
-    impacts = made.impacts.assign(impact=np.arange(20).astype(str), subject="s", mass_kg=0.5)
-    traces = [(trace.time_s + 0.0137, trace.value) for trace in made.traces]
-    return bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2")
+    return made.moved(0.0137).dataset()
 
 
 def test_where_noise_hides_the_jump_the_place_of_contact_is_a_parameter_all_the_same() -> None:
@@ -235,7 +217,4 @@ def test_of_few_samples_contact_is_a_parameter_though_it_is_between_two() -> Non
     for per_peak, known in ((7, True), (60, False)):
         rate = per_peak * omega_n / (np.pi / 2)
         made = record([TISSUE] * 4, rate, before=0.1, phase=random.uniform(size=4), noise=0.002)
-        impacts = made.impacts.assign(impact=list("abcd"), subject="s", mass_kg=0.5)
-        traces = [(trace.time_s, trace.value) for trace in made.traces]
-        data = bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2", contact="between")
-        assert prepare(data, model, source="impact").model.contact is known
+        assert prepare(made.dataset(contact="between"), model, source="impact").model.contact is known

@@ -23,14 +23,13 @@ COUNT = 5
 
 def spoilt(change: Callable[[np.ndarray, np.ndarray], np.ndarray], before: float = 0.03, **how: float) -> Lab:
     """Impacts at 10 kHz with 0.5 % of noise, changed as functions of time since contact and of the peak."""
-    lab = record([TYPICAL] * COUNT, 1e4, before=before, after=0.03, noise=0.0, **how)
     random = np.random.default_rng(1)
-    traces = []
-    for trace in lab.traces:
-        peak = trace.value.max()
-        value = change(trace.time_s, trace.value / peak) + 0.005 * random.standard_normal(trace.value.size)
-        traces.append(Recorded(trace.time_s, peak * value))
-    return replace(lab, traces=traces)
+
+    def changed(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        peak = value.max()
+        return time, peak * (change(time, value / peak) + 0.005 * random.standard_normal(value.size))
+
+    return record([TYPICAL] * COUNT, 1e4, before=before, after=0.03, noise=0.0, **how).changed(changed)
 
 
 def flags(lab: Lab, options: SignalOptions | None = None) -> list[list[str]]:
@@ -126,10 +125,8 @@ def test_a_velocity_that_is_off_as_much_as_declared_is_no_late_beginning():
 
 
 def test_an_isolated_spike_before_contact_is_found_where_it_is():
-    def spiked(t: np.ndarray, d: np.ndarray) -> np.ndarray:
-        return d + 0.5 * (np.arange(d.size) == 150)
-
-    assert found(spoilt(spiked), "a spike") == ["one at sample 151"] * COUNT
+    spiked = spoilt(lambda t, d: d + 0.5 * (np.arange(d.size) == 150))
+    assert found(spiked, "a spike") == ["one at sample 151"] * COUNT
 
 
 def test_a_zero_that_moves_during_the_impact_is_found():

@@ -105,9 +105,7 @@ def test_a_pad_of_another_law_is_not_one_that_was_hit_from_another_height():
 @pytest.mark.parametrize("ratio", [1.0, 0.9, 1.1])
 def test_a_fit_warns_of_another_velocity_where_its_own_test_is_blind(ratio):
     here = lab(5e3, 0.1, 1.534 * ratio)
-    traces = [(trace.time_s, trace.value) for trace in here.traces]
-    table = here.impacts.assign(subject="s", impact=[f"i{n}" for n in range(NUMBER)], mass_kg=0.5)
-    data = bt.dataset(table, traces, quantity="deceleration", unit="m/s^2")
+    data = here.dataset()
     flags = Inspected(data, displacements(data), inspect(data)).flags()
     warned = [warning.code for warning in warnings({"velocity": contradicted_velocity(flags, {})})]
     assert warned == ([] if ratio == 1 else ["velocity-contradicted"])
