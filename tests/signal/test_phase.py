@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from impacts_bench import Impact, Lab, record
+from impacts_bench import Impact, Lab, Recorded, record
 
 import bayestissue as bt
 from bayestissue.base.resources import shared
@@ -103,7 +103,7 @@ def test_velocities_that_scatter_about_their_statement_do_not_spread_contact_ove
         own = 1 + sd * np.random.default_rng(seed).normal(size=NUMBER)
         faster = [Recorded(t.time_s, t.value * by) for t, by in zip(here.traces, own, strict=True)]
         here = replace(here, traces=faster)
-        kinds.append(displacements(moved(here, 0.0137)).phase.kind)
+        kinds.append(displacements(here.moved(0.0137)).phase.kind)
         assert not displacements(replace(here, contact="on_sample")).phase.contradicted
     # "between" is wrong. What is judged is so with 95 % at least: more than three of twenty has 1.6 %.
     assert kinds.count("between") <= 3
