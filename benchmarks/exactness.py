@@ -21,7 +21,6 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from evidence import recorded
-from scipy.integrate import solve_ivp
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 from statsmodels.tsa.arima.model import ARIMA
 from statsmodels.tsa.arima_process import arma_acovf
@@ -35,8 +34,10 @@ from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoisePar
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "tests" / "elements"))
-from element_values import ADDED, ARM, FORCE, MASS, VALUES, VELOCITY  # noqa: E402
+sys.path += [str(ROOT / "tests"), str(ROOT / "tests" / "elements")]
+from element_values import MASS, VALUES, VELOCITY  # noqa: E402
+
+from tissues import path  # noqa: E402
 
 SAMPLES, SIGMA = 60, 0.3
 # From five samples an oscillation to a hundred, damped little and beyond the critical.
@@ -126,16 +127,7 @@ def displacements() -> Row:
 
 def solved(name: str, row: int, time: np.ndarray, velocity: float) -> np.ndarray:
     """Decelerations by scipy's eighth-order method. A mass that moves along is taken along at contact."""
-    force, (k, c) = FORCE[name], ARM.get(name, (0.0, 1.0))
-    moves = MASS[row] + ADDED.get(name, 0.0)
-
-    def field(t: float, y: np.ndarray) -> list[float]:
-        x, v, f = y
-        return [v, -force(x, v, f) / moves, k * v - f * k / c]
-
-    span, start = (0, time[-1]), [0.0, velocity * MASS[row] / moves, 0.0]
-    path = solve_ivp(field, span, start, "DOP853", time, rtol=1e-12, atol=1e-14).y
-    return np.array([force(*each) for each in path.T]) / moves
+    return path(name, VALUES[name], MASS[row], velocity, time[-1]).deceleration(time)
 
 
 def impacts(name: str) -> Iterator[Row]:

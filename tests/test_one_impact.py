@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import bayestissue as bt
 from bayestissue.base.resources import shared
 from bayestissue.reports.pages.wording import estimated
+from tissues import path
 
 UNCERTAINTY = {"relative_mass_sd": 0.005, "velocity_sd_m_s": 0.01}
 
@@ -77,20 +77,9 @@ def test_what_it_came_to_is_that_of_its_K_and_C(found: bt.Impact):
 @pytest.fixture(scope="module")
 def drop() -> tuple[np.ndarray, np.ndarray]:
     """Force over mass of M x'' = M g - K x - C x', by an independent solver, in noise."""
-    K, C, mass, velocity, gravity = 3000.0, 25.0, 0.5, 1.534, 9.80665
     time = np.arange(0, 0.06, 1e-4)
-    since = np.maximum(time - 0.02003, 0.0)
-    solved = solve_ivp(
-        lambda _, y: [y[1], gravity - (K * y[0] + C * y[1]) / mass],
-        (0, 0.04),
-        [0.0, velocity],
-        method="DOP853",
-        rtol=1e-11,
-        atol=1e-13,
-        dense_output=True,
-    )
-    x, v = solved.sol(since)
-    d = np.where(time >= 0.02003, (K * x + C * v) / mass, 0.0)
+    motion = path("kelvin_voigt", {"K": 3000.0, "C": 25.0}, 0.5, 1.534, 0.04, gravity=9.80665)
+    d = np.where(time >= 0.02003, motion.deceleration(np.maximum(time - 0.02003, 0.0)), 0.0)
     return time, d + 0.3 * np.random.default_rng(7).standard_normal(len(time))
 
 

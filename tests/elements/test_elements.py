@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 from element_values import (
     ADDED,
-    ARM,
     MASS,
     NAMES,
-    NO_ARM,
     VALUES,
     VELOCITY,
     after_contact,
-    hertz,
     power_lost,
     solved,
     tangent,
@@ -26,6 +23,7 @@ from scipy.linalg import expm
 from bayestissue.mechanics.elements import element, element_names, impact, linear, outcomes, solver
 from bayestissue.mechanics.elements.element import Collision, complete
 from bayestissue.mechanics.oscillator import impact_motion, spring_damper_inverse
+from tissues import arm, hertz
 
 pytestmark = pytest.mark.slow
 
@@ -161,7 +159,7 @@ def test_energy_given_up_is_stored_or_spent(name: str) -> None:
         return which.force(x, v, s, p) * v - kept
 
     # An arm's spring is what penetration is beyond the internal length.
-    stretched = ARM.get(name, NO_ARM)[0] * (0.008 - 0.003)
+    stretched = arm(name, VALUES[name])[0] * (0.008 - 0.003)
     lost = power_lost(name, 0.008, 0.6, stretched)
     assert lost > 0
     np.testing.assert_allclose(taken(x, v, s), lost, rtol=1e-10)
@@ -211,7 +209,7 @@ def test_hertz_force_follows_the_balls_diameter() -> None:
     for diameter in (0.0254, 0.0318, 0.0381):
         p = complete(which, VALUES["hunt_crossley"], diameter)
         force = which.force(jnp.array([0.004]), jnp.array([0.5]), (), p)
-        np.testing.assert_allclose(force, hertz(0.004, 0.5, diameter), rtol=1e-12)
+        np.testing.assert_allclose(force, hertz(VALUES["hunt_crossley"], 0.004, 0.5, diameter), rtol=1e-12)
 
 
 def test_wall_grows_on_behind_itself_without_a_seam() -> None:

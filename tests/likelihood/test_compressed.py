@@ -10,10 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from dense_impact import record_of
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bayestissue.mechanics.elements import element
-from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.oscillator import impact_motion, time_to_peak
 from bayestissue.model.likelihood.element.compressed import (
     LANES,
@@ -56,13 +56,19 @@ def record(*, gravity: bool, modes: bool, uniform: bool) -> DecelerationRecord:
     sd = np.stack([np.full(IMPACTS, 0.01), np.full(IMPACTS, 0.2), dt / np.sqrt(12)], axis=1)
     if modes:
         sd = np.insert(sd, 1, 0.005, axis=1)
-    surroundings = {"diameter_m": np.full(IMPACTS, 0.03)} | ({GRAVITY: along} if gravity else {})
-    contact = Contact.known(np.full(IMPACTS, uniform))
-    made = DecelerationRecord.from_arrays(d, SAMPLES, first, dt, VELOCITY, sd, MASS, surroundings, contact)
-    if not modes:
-        return made
     number = np.broadcast_to(np.arange(SAMPLES.max()), d.shape)
-    return made._replace(discrepancy=discrepancy_modes(SAMPLES, number))
+    return record_of(
+        d,
+        first,
+        dt,
+        VELOCITY,
+        error_sd=sd,
+        mass=MASS,
+        count=SAMPLES,
+        contact=Contact.known(np.full(IMPACTS, uniform)),
+        gravity=along if gravity else None,
+        **({"discrepancy": discrepancy_modes(SAMPLES, number)} if modes else {}),
+    )
 
 
 def impacts(of: DecelerationRecord, width: float = 0.0) -> MeasuredImpact:
@@ -176,9 +182,7 @@ def test_fifty_thousand_samples_are_as_few_nodes() -> None:
     time = dt[:, None] * np.arange(count)
     clean = np.asarray(impact_motion(time, omega_n[:, None], zeta[:, None], 1.5).deceleration)
     d = clean + NOISE * clean.max() * RNG.normal(size=clean.shape)
-    sd, one = np.array([[0.01, 0.2, 1e-6]]), np.ones(1)
-    chain = (one, {"diameter_m": 0.03 * one}, Contact.known(np.zeros(1, bool)))
-    here = DecelerationRecord.from_arrays(d, np.array([count]), 0 * dt, dt, 1.5 * one, sd, *chain)
+    here = record_of(d, 0.0, dt, 1.5, error_sd=(0.01, 0.2, 1e-6))
     traces = compressed(here)
     assert traces.values.shape == (1, 1, TERMS, 1)
     parameters = jnp.asarray([omega_n**2, 2 * zeta * omega_n]) * 1.01

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from dense_impact import record_of
 from scipy.signal import bessel, butter, sosfilt, sosfiltfilt
 
 from bayestissue.mechanics.elements import element, impact
@@ -41,7 +42,7 @@ def sampled(name: str, time: np.ndarray) -> np.ndarray:
     """Force over mass at these times since contact, s; 0 before it."""
     parameters = {key: jnp.array([value]) for key, value in TISSUES[name].items()}
     one = np.ones(1)
-    size = {} if name == "kelvin_voigt" else {"diameter": 0.03 * one}
+    size = {} if name == "kelvin_voigt" else {"diameter": 0.0318 * one}
     motion = impact(name, parameters, 0.5 * one, VELOCITY * one, time[None], **size)
     return np.asarray(motion.deceleration)[0]
 
@@ -55,19 +56,9 @@ def likelihoods(recorder: LowPassFilter) -> tuple[LowPass, int]:
 
 
 def record(first_time: float, low_pass: LowPass, cells: int = 0) -> DecelerationRecord:
-    one = np.ones(1)
-    contact = Contact.anywhere(np.zeros((1, cells)), np.zeros(1)) if cells else Contact.known(one > 0)
-    return DecelerationRecord.from_arrays(
-        np.zeros((1, SAMPLES)),
-        np.array([SAMPLES]),
-        first_time * one,
-        DT * one,
-        VELOCITY * one,
-        np.zeros((1, 4)),
-        0.5 * one,
-        {"diameter_m": 0.03 * one},
-        contact,
-    )._replace(low_pass=low_pass)
+    contact = Contact.anywhere(np.zeros((1, cells)), np.zeros(1)) if cells else None
+    still = np.zeros((1, SAMPLES))
+    return record_of(still, first_time, DT, VELOCITY, mass=0.5, contact=contact, low_pass=low_pass)
 
 
 answered = jax.jit(response, static_argnums=0)

@@ -1,4 +1,4 @@
-"""A recorder's low-pass against closed forms, its likelihood against an integral over contact's moment."""
+"""A recorder's low-pass against closed forms."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from dense_impact import record_of
 from scipy.signal import bessel, butter, freqs
-from scipy.special import logsumexp
 
 from bayestissue.mechanics.elements import element
-from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.model.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed
 from bayestissue.model.likelihood.element.response import motion, response
@@ -52,24 +51,10 @@ def low_pass(recorder: LowPassFilter, phases: int = 1, lead: int = 0) -> LowPass
 
 
 def record(
-    first_time: float,
-    filters: LowPass,
-    d: np.ndarray,
-    contact: Contact | None = None,
-    contact_sd: float = 0.0,
+    first_time: float, filters: LowPass, samples: int, contact: Contact | None = None
 ) -> DecelerationRecord:
-    one = np.ones(1)
-    return DecelerationRecord.from_arrays(
-        d,
-        np.array([d.shape[1]]),
-        first_time * one,
-        DT * one,
-        VELOCITY * one,
-        np.array([[0.0, 0.0, 0.0, contact_sd]]),
-        MASS * one,
-        {"diameter_m": 0.03 * one},
-        contact or Contact.known(one > 0),
-    )._replace(low_pass=filters)
+    still = np.zeros((1, samples))
+    return record_of(still, first_time, DT, VELOCITY, mass=MASS, contact=contact, low_pass=filters)
 
 
 compiled = jax.jit(response, static_argnums=0)
@@ -115,12 +100,12 @@ def test_an_impact_behind_a_filter_is_the_closed_form(recorder):
     peak = closed_form(recorder, np.arange(80) * DT).max()
     # Beyond the samples a forward and backward filter has the impact for `lead` more, and then nothing.
     tail = np.exp(modes(recorder)[0].real.max() * lead * DT) if lead else 0.0
-    found = compiled(TISSUE, PARAMETERS, record(first, given, np.zeros((1, samples))))
+    found = compiled(TISSUE, PARAMETERS, record(first, given, samples))
     expected = closed_form(recorder, first + np.arange(samples) * DT)
     np.testing.assert_allclose(found.d[0], expected, atol=(1e-6 + tail) * peak)
     np.testing.assert_allclose(found.by_velocity[0], expected / VELOCITY, atol=(1e-6 + tail) * peak)
     anywhere = Contact.anywhere(np.zeros((1, lead + 4)), np.zeros(1))
-    cells = record(first, given, np.zeros((1, samples)), anywhere)
+    cells = record(first, given, samples, anywhere)
     fine = compiled(TISSUE, PARAMETERS, cells)
     time = (np.arange(fine.d.shape[1]) + 0.5) * DT / 2 - lead * DT
     inside = time < 40 * DT
@@ -135,7 +120,7 @@ def test_an_impact_behind_a_filter_is_the_closed_form(recorder):
 def test_the_motion_is_in_flight_until_contact():
     given = low_pass(FILTERS[3], lead=20)
     found = jax.jit(motion, static_argnums=0)(
-        TISSUE, PARAMETERS, record(-2.5 * DT, given, np.zeros((1, 10))), jnp.array([VELOCITY])
+        TISSUE, PARAMETERS, record(-2.5 * DT, given, 10), jnp.array([VELOCITY])
     )
     since = (np.arange(10) - 2.5) * DT
     np.testing.assert_allclose(found.x[0, :3], VELOCITY * since[:3])
@@ -159,38 +144,3 @@ def test_a_constant_comes_through_a_filter_as_it_is():
     found, slope = low_passed(given, early, still)
     np.testing.assert_allclose(found[0, -1], 1.0, rtol=1e-10)
     np.testing.assert_allclose(slope[0, -1], 0.0, atol=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("recorder", [FILTERS[0], FILTERS[3]], ids=str)
-def test_the_density_is_that_over_all_moments_of_contact(recorder):
-    """Against the trace's own density at 2000 moments; within a cell the likelihood is linear in them."""
-    samples, sigma, lead = 50, 0.005 * 330.0, 32 if recorder.zero_phase else 0
-    reach, contact = lead + 8, 3.3 * DT if not lead else -2.2 * DT
-    early = np.random.default_rng(1)
-    time = (np.arange(-reach, samples)) * DT + contact
-    trace = closed_form(recorder, time) + sigma * early.standard_normal(time.size)
-    given = record(
-        DT / 2,
-        low_pass(recorder, phases=2, lead=lead),
-        trace[None, reach:],
-        Contact.anywhere(trace[None, :reach], np.array([reach]), np.array([sigma])),
-        reach * DT / 12**0.5,
-    )
-
-    @jax.jit
-    def asked(given: DecelerationRecord) -> tuple[jax.Array, jax.Array]:
-        noise = NoiseParameters(jnp.array([np.log(sigma)]))
-        event = MeasuredImpact(TISSUE, PARAMETERS, noise, given)
-        return event.log_density(), event.mean_first_time()
-
-    density, first = asked(given)
-    moments = (np.arange(2000) + 0.5) / 2000 * reach * DT - lead * DT
-    place = np.arange(-reach, samples) * DT
-    left = trace - closed_form(recorder, place + moments[:, None])
-    log_each = -((left**2).sum(1) / sigma**2 + samples * np.log(2 * np.pi * sigma**2)) / 2
-    quiet = -(trace[:reach] ** 2).sum() / sigma**2 / 2
-    expected = logsumexp(log_each) - np.log(2000 / reach) - quiet
-    assert density[0] == pytest.approx(expected, abs=0.1)
-    # And contact is where it was, within a few of its standard deviations.
-    assert first[0] == pytest.approx(contact, abs=0.4 * DT)

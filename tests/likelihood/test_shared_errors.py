@@ -7,12 +7,13 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from dense_impact import record_of
 from jax import Array
 from jax.scipy.special import logsumexp
 
 from bayestissue.mechanics.elements import element, impact
 from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.model.likelihood.element.record import VELOCITY, Contact, DecelerationRecord
+from bayestissue.model.likelihood.element.record import VELOCITY, DecelerationRecord
 
 NUMBER, MASS, MOVES, V = 6, 0.5, 0.1, 1.5
 K, C, RELATIVE_SD, SIGMA = 3000.0, 25.0, 0.2, 0.3
@@ -25,17 +26,7 @@ def recorded() -> DecelerationRecord:
     parameters = {"K": K, "C": C, "moving_mass_kg": MOVES}
     made = impact("moving_mass", parameters, NONE + MASS, NONE + 1.1 * V, time)
     d = np.asarray(made.deceleration) + SIGMA * np.random.default_rng(1).standard_normal(time.shape)
-    return DecelerationRecord.from_arrays(
-        d,
-        np.full(NUMBER, 60),
-        time[:, 0],
-        NONE + 5e-4,
-        NONE + V,
-        np.zeros((NUMBER, 4)),
-        NONE + MASS,
-        {},
-        Contact.known(np.zeros(NUMBER, bool)),
-    )
+    return record_of(d, time[:, 0], 5e-4, V, mass=MASS)
 
 
 @jax.jit
