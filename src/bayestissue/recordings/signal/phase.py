@@ -144,7 +144,7 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
 
 
 def _spread(evidence: ContactEvidence, velocity_sd: Column, accounts: list[float], anywhere: float) -> bool:
-    """Whether contact is clearly between samples, and not by an error that all recordings have alike."""
+    """Whether contact is clearly between samples, and not by errors of velocity, common or own."""
     (t,), s = _in_intervals(evidence, velocity_sd, 1)
     apart = t.size > 1 and np.var(t, ddof=1) - np.mean(s**2) > PHASE.apart**2
     return bool(apart and accounts[2] > max(anywhere, PHASE.contradicts + max(accounts[:2])))
