@@ -479,7 +479,7 @@ def test_levels_and_other_numbers_are_no_measured_figures(sentence):
 
 
 def test_the_readme_leaves_out_what_is_not_measured(monkeypatch):
-    known = {"a.b": Figure("2 s", ("exactness",)), "a.c": Figure("not measured yet", ())}
+    known = {"a.b": Figure("2 s"), "a.c": Figure("not measured yet", measured=False)}
     monkeypatch.setattr("evidence.pages.figure", known.get)
     marked = "It takes <!-- evidence: a.b -->long<!-- end -->. <!-- evidence: a.c -->Soon.<!-- end -->"
     said = "It takes <!-- evidence: a.b -->2 s<!-- end -->. <!-- evidence: a.c -->{}<!-- end -->"
@@ -501,7 +501,7 @@ def test_the_page_says_which_figures_an_earlier_version_measured(piece, tmp_path
 
 
 def test_an_unknown_figure_is_named(monkeypatch):
-    monkeypatch.setattr("evidence.summary.figures", lambda: {"coverage_fit.impact_K_90": Figure("88 %", ())})
+    monkeypatch.setattr("evidence.summary.figures", lambda: {"coverage_fit.impact_K_90": Figure("88 %")})
     with pytest.raises(KeyError, match="no pieces 'coverag'"):
         figure("coverag.impact_K_90")
     with pytest.raises(KeyError, match="there is no such figure"):

@@ -15,12 +15,11 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from evidence.families.intervals import coverage_of_fits
 from evidence.figures import figures
 from evidence.registry import ROOT, SHOWN, content
 from evidence.status import state_of
 from evidence.summary import figure
-from evidence.texts import Figure
+from evidence.texts import Figure, coverage, raw
 
 MARKED = re.compile(
     r"(?P<indent>^[ ]*)?<!-- evidence: (?P<name>\S+) -->(?P<text>.*?)<!-- end -->", re.M | re.S
@@ -100,7 +99,7 @@ def filled(text: str, *, measured: bool = False) -> str:
 def _with_text(mark: re.Match[str], *, measured: bool) -> str:
     name, begin = mark["name"], f"{mark['indent'] or ''}<!-- evidence: {mark['name']} -->"
     content = figure(name)
-    if measured and not content.pieces:
+    if measured and not content.measured:
         return f"{begin}<!-- end -->"
     if "\n" in mark["text"] or content.block:
         indent = mark["indent"] or ""
@@ -119,7 +118,7 @@ def coverage_shown() -> str:
     columns = ["likelihood", "quantity", "level", "held", "impacts"]
     if "coverage_fit.table" not in figures():
         return SHOWN.read_text(encoding="utf-8")
-    lines = coverage_of_fits()
+    lines = coverage(raw("coverage_fit"), ["each", "quantity"])
     return lines.rename(columns={"each": "likelihood"})[columns].to_csv(index=False)
 
 

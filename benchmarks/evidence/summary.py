@@ -25,16 +25,16 @@ def figure(name: str) -> Figure:
     """
     family = name.partition(".")[0]
     if name == "evidence.provenance":
-        return Figure(_provenance(), (), block=True)
+        return Figure(_provenance(), block=True)
     if name == "evidence.versions":
-        return Figure(_versions(), (), block=True)
+        return Figure(_versions(), block=True)
     if family not in content()["pieces"]:
         raise KeyError(f"{name}: evidence.toml has no pieces {family!r}")
     if name in figures():
         return figures()[name]
     if any(known.startswith(f"{family}.") for known in figures()):
         raise KeyError(f"{name}: there is no such figure; `python -m evidence figures` lists all")
-    return Figure(NOT_MEASURED, ())
+    return Figure(NOT_MEASURED, measured=False)
 
 
 def _provenance() -> str:

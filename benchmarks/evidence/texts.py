@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,23 +22,45 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 @dataclass(frozen=True)
 class Figure:
-    """A text of the documentation, and the pieces of evidence that it tells."""
+    """A text of the documentation."""
 
     text: str
-    pieces: tuple[str, ...]
     # Tables and paragraphs of their own; others stand within a sentence.
     block: bool = False
+    measured: bool = True
 
 
-Named = Iterator[tuple[str, Figure]]
-# What makes the figures of each family of pieces, by its name.
-FAMILIES: dict[str, Callable[[], Named]] = {}
+# A table, a text, or what stands in the sentence of that name in sentences.toml.
+Named = Iterator[tuple[str, pd.DataFrame | Figure | str | Mapping[str, Any]]]
+# What makes the figures of each family of pieces of its raw results, by its name.
+FAMILIES: dict[str, Callable[[pd.DataFrame], Named]] = {}
 
 
-def family(function: Callable[[], Named]) -> Callable[[], Named]:
+def family(function: Callable[[pd.DataFrame], Named]) -> Callable[[pd.DataFrame], Named]:
     """Let a function make the figures of the family that it is called after."""
     FAMILIES[function.__name__] = function
     return function
+
+
+def figures_of(family: str) -> Iterator[tuple[str, Figure]]:
+    """The figures of a family by name."""
+    for name, made in FAMILIES[family](raw(family)):
+        if isinstance(made, pd.DataFrame):
+            yield name, Figure(table(made), block=True)
+        elif isinstance(made, Figure):
+            yield name, made
+        else:
+            yield name, Figure(made if isinstance(made, str) else sentence(family, name, made))
+
+
+@cache
+def _sentences() -> dict[str, dict[str, str]]:
+    return tomllib.loads(Path(__file__).with_name("sentences.toml").read_text(encoding="utf-8"))
+
+
+def sentence(family: str, name: str, values: Mapping[str, Any]) -> str:
+    """A sentence of sentences.toml with its numbers."""
+    return _sentences()[family][name].format_map(values)
 
 
 def raw(family: str) -> pd.DataFrame:
@@ -52,6 +78,12 @@ def table(rows: pd.DataFrame, *, words: bool = False) -> str:
     return "\n".join(f"| {line} |" for line in [*head, *(" | ".join(row) for row in cells.to_numpy())])
 
 
+def wide(lines: pd.DataFrame, rows: str | list[str], columns: str, cells: str = "cell") -> pd.DataFrame:
+    """Lines as a table, a row each of ``rows`` and a column each of ``columns``, in the lines' order."""
+    shown = lines.pivot_table(cells, rows, columns, "first", sort=False)
+    return shown.rename_axis(columns=None)
+
+
 def power_of_ten(value: float) -> str:
     """Such as 3 · 10⁻⁹."""
     mantissa, exponent = f"{value:.0e}".split("e")
@@ -59,8 +91,18 @@ def power_of_ten(value: float) -> str:
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """A share."""
-    return f"{100 * share:.{digits}f} %"
+    """A share; nothing where there is none."""
+    return "" if np.isnan(share) else f"{100 * share:.{digits}f} %"
+
+
+def of(counts: pd.Series, all_of: pd.Series) -> pd.Series:
+    """Such as "3 of 10"."""
+    return counts.astype(int).astype(str) + " of " + all_of.astype(int).astype(str)
+
+
+def ends(shares: pd.Series) -> dict[str, float]:
+    """The least and the greatest share in percent, by the names that sentences have for them."""
+    return {"least": 100 * shares.min(), "most": 100 * shares.max()}
 
 
 def with_error(share: pd.Series, error: pd.Series) -> list[str]:
@@ -83,22 +125,12 @@ def at_most(count: int, of: int) -> str:
     return f"{count} of {of} (below {percent(float(stats.beta.ppf(0.95, count + 1, of - count)))})"
 
 
-def names(family: str) -> tuple[str, ...]:
-    """The pieces of a family."""
-    return tuple(piece.name for piece in of_family(family))
-
-
-def block(text: str, family: str) -> Figure:
-    """Of all pieces of a family."""
-    return Figure(text, names(family), block=True)
-
-
 def coverage(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """How often intervals of 50 and of 90 % hold the truth, a line each of ``by`` and level.
 
     ``se`` is the standard error between units, as `known_error` has it: impacts of one campaign are not
     independent. ``off`` is the median error of the posterior median and ``width`` the median width, both
-    relative to the truth unless that is an exponent's.
+    relative to the truth unless that is an exponent's. ``cell`` is the share with its error.
     """
     rows = rows.dropna(subset="truth")
     relative = rows["truth"].where(~rows["quantity"].str.contains("exponent"), 1.0).abs()
@@ -112,40 +144,24 @@ def coverage(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
         columns = {"level": level, "held": groups["held"].sum(), "impacts": groups.size()}
         columns |= {"share": groups["held"].mean(), "campaigns": campaigns.size()}
         columns["se"] = known_error(campaigns.sem(), level / 100, columns["campaigns"])
+        columns["cell"] = with_error(columns["share"], columns["se"])
         lines.append(pd.DataFrame(columns | groups[["off", "width"]].median().to_dict("series")))
     return pd.concat(lines).reset_index()
 
 
-def coverage_table(lines: pd.DataFrame, by: list[str]) -> pd.DataFrame:
-    """`coverage` as it is shown."""
-    lines = lines.assign(cell=with_error(lines["share"], lines["se"]))
-    cells = lines.pivot_table("cell", by, "level", "first", sort=False).rename(columns="{} % held".format)
-    widest = lines[lines["level"] == lines["level"].max()].set_index(by)
+def coverage_table(lines: pd.DataFrame, each: str) -> pd.DataFrame:
+    """`coverage` by ``each`` and quantity, as it is shown."""
+    by = ["each", "quantity"]
+    cells = wide(lines, by, "level").rename(columns="{} % held".format)
+    widest = lines[lines["level"] == max(LEVELS)].set_index(by)
     cells["off by"], cells["90 % width"] = (widest[c].map("{:.3g}".format) for c in ("off", "width"))
-    return cells.reset_index().rename_axis(columns=None)
+    return cells.reset_index().rename(columns={"each": each})
 
 
 def range_of_shares(lines: pd.DataFrame) -> str:
     """The least and the greatest share held, by level, and the standard error of one."""
-    ends = (
-        lines.groupby("level").agg(a=("share", "min"), b=("share", "max"), se=("se", "median")).itertuples()
-    )
     return " and ".join(
-        f"{line.Index} % intervals held {100 * line.a:.0f} to {100 * line.b:.0f} % "
-        f"(each ± {100 * line.se:.1f} %)"
-        for line in ends
+        f"{level} % intervals held {100 * part['share'].min():.0f} to {100 * part['share'].max():.0f} % "
+        f"(each ± {100 * part['se'].median():.1f} %)"
+        for level, part in lines.groupby("level")
     )
-
-
-def each_held(lines: pd.DataFrame, family: str) -> Named:
-    """The share held of each quantity and level with its standard error, named VALUE_QUANTITY_LEVEL."""
-    for line, share in zip(lines.itertuples(), with_error(lines["share"], lines["se"]), strict=True):
-        name = f"{line.each}_{line.quantity}_{line.level}"
-        yield name, Figure(share, (f"{family}-{line.each}",))
-
-
-def trusted(rows: pd.DataFrame) -> pd.Series[bool]:
-    """Of each row whether its fit can be relied on: by its diagnostics, or an earlier version's Pareto k."""
-    from bayestissue.inference.samplers.psis import GREATEST_K
-
-    return rows["passed"].astype(bool) if "passed" in rows else rows["pareto_k"] < GREATEST_K

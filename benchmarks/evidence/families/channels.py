@@ -5,18 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from evidence.families.outcomes import LEVEL, shares
-from evidence.texts import (
-    Figure,
-    Named,
-    block,
-    family,
-    known_error,
-    names,
-    percent,
-    raw,
-    table,
-    with_error,
-)
+from evidence.texts import Named, family, known_error, sentence, wide, with_error
 
 # Declared masses that are wrong by more are wrong beyond what is declared; by less, hardly.
 FAR, NEAR = 0.05, 0.01
@@ -28,43 +17,37 @@ def counted(rows: pd.DataFrame) -> pd.DataFrame:
     return lines.assign(se=known_error(lines["se"], LEVEL, lines["studies"]))
 
 
-def shown(lines: pd.DataFrame) -> str:
+def shown(lines: pd.DataFrame) -> pd.DataFrame:
     """Shares with their errors, a row a quantity and a column a kind of study."""
-    cells = lines.assign(cell=with_error(lines["share"], lines["se"]))
-    wide = cells.pivot_table("cell", "outcome", "of", "first", sort=False)
-    studies = lines.groupby("of", sort=False)["studies"].max().reindex(wide.columns).astype(str)
-    wide = pd.concat([studies.to_frame("studies").T, wide])
-    return table(wide.rename_axis(index="quantity", columns=None).reset_index())
+    cells = wide(lines.assign(cell=with_error(lines["share"], lines["se"])), "outcome", "of")
+    studies = lines.groupby("of", sort=False)["studies"].max().reindex(cells.columns).astype(str)
+    return pd.concat([studies.to_frame("studies").T, cells]).rename_axis(index="quantity").reset_index()
 
 
 def named(rows: pd.DataFrame) -> str:
     """How often the first line says that masses are off, of those that are and of those that hardly are."""
-    far, near = (rows.loc[which, "named"].astype(bool) for which in (rows["off"] > FAR, rows["off"] < NEAR))
-    return (
-        f"where all masses were off by more than {percent(FAR, 0)} the first line said so in "
-        f"{int(far.sum())} of {len(far)} studies, and where they were off by less than {percent(NEAR, 0)} in "
-        f"{int(near.sum())} of {len(near)}"
-    )
+    said: dict[str, float] = {"far": 100 * FAR, "near": 100 * NEAR}
+    for end, which in (("far", rows["off"] > FAR), ("near", rows["off"] < NEAR)):
+        said |= {f"named_{end}": int(rows["named"][which].sum()), f"of_{end}": which.sum()}
+    return sentence("coverage_channels", "named", said)
 
 
 @family
-def coverage_channels() -> Named:
-    rows, together = raw("coverage_channels"), []
+def coverage_channels(rows: pd.DataFrame) -> Named:
+    together = []
     for kind, part in rows.groupby("each", sort=False):
         own = part.dropna(axis=1, how="all")
-        lines = counted(own)
-        yield f"{kind}_table", block(shown(lines), "coverage_channels")
-        together.append(lines)
-        text = f"{len(own)} studies, of which {percent(own['passed'].astype(bool).mean(), 0)} passed"
-        yield f"{kind}_studies", Figure(text, names("coverage_channels"))
+        together.append(lines := counted(own))
+        yield f"{kind}_table", shown(lines)
+        said = {"studies": len(own), "passed": 100 * own["passed"].astype(bool).mean()}
+        yield f"{kind}_studies", sentence("coverage_channels", "studies", said)
         if "named" in own:
-            yield f"{kind}_named", Figure(named(own), names("coverage_channels"))
+            yield f"{kind}_named", named(own)
     lines = pd.concat(together)
     within = ((lines["share"] - LEVEL).abs() <= 2 * lines["se"]).sum()
-    text = f"{within} of {len(lines)} shares of 90 % intervals are within two standard errors of 90 %"
-    yield "short", Figure(text, names("coverage_channels"))
+    yield "short", {"within": within, "shares": len(lines)}
 
 
 @family
-def coverage_phantoms() -> Named:
-    yield "table", block(shown(counted(raw("coverage_phantoms"))), "coverage_phantoms")
+def coverage_phantoms(rows: pd.DataFrame) -> Named:
+    yield "table", shown(counted(rows))

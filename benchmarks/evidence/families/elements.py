@@ -4,151 +4,105 @@ from __future__ import annotations
 
 import pandas as pd
 
-from evidence.registry import of_family
 from evidence.texts import (
-    Figure,
     Named,
     at_most,
     binomial_error,
-    block,
     coverage,
     coverage_table,
+    ends,
     family,
-    names,
+    of,
     percent,
     range_of_shares,
-    raw,
-    table,
-    trusted,
+    wide,
 )
 
 
 @family
-def coverage_elements() -> Named:
-    rows = raw("coverage_elements")
+def coverage_elements(rows: pd.DataFrame) -> Named:
     lines = coverage(rows, ["each", "quantity"])
     exponent = lines["quantity"].str.startswith("mass_exponent")
-    impacts = lines[~exponent]
-    shown = coverage_table(impacts, ["each", "quantity"]).rename(columns={"each": "element"})
-    yield "table", block(table(shown), "coverage_elements")
-    text = (
-        f"of the {int(lines[exponent]['campaigns'].min())} mass exponents of each element, "
-        f"{range_of_shares(lines[exponent])}"
-    )
-    yield "exponents", Figure(text, names("coverage_elements"))
-    sure = trusted(rows).groupby([rows["each"], rows["unit"]]).first()
-    text = (
-        f"in {int(impacts['impacts'].min())} simulated impacts of each, {range_of_shares(impacts)}; of "
-        f"{len(sure)} fits {(~sure).sum()} could not be trusted by their diagnostics"
-    )
-    yield "sentence", Figure(text, names("coverage_elements"))
-    yield "short", Figure(range_of_shares(impacts[impacts["level"] == 90]), names("coverage_elements"))
+    impacts, exponents = lines[~exponent], lines[exponent]
+    yield "table", coverage_table(impacts, "element")
+    yield "exponents", {"campaigns": exponents["campaigns"].min(), "range": range_of_shares(exponents)}
+    passed = rows.groupby(["each", "unit"])["passed"].first().astype(bool)
+    said = {"impacts": impacts["impacts"].min(), "range": range_of_shares(impacts)}
+    yield "sentence", said | {"fits": len(passed), "refused": (~passed).sum()}
+    yield "short", range_of_shares(impacts[impacts["level"] == 90])
 
 
 def compared(rows: pd.DataFrame, ending: str = "") -> pd.DataFrame:
     """By element and over all: how often the right one wins where the difference decides, and loses there."""
     from bayestissue.reports.pages.posterior import decides
 
-    def line(part: pd.DataFrame) -> dict[str, float]:
-        difference, se = part[f"difference{ending}"], part[f"se{ending}"]
-        told = decides(difference, se)
-        return {
-            "campaigns": len(part),
-            "first": int((difference > 0).sum()),
-            "differ": int(told.sum()),
-            "right": int((told & (difference > 0)).sum()),
-            "wrong": int((told & (difference < 0)).sum()),
-            "weight": round(float(part[f"weight{ending}"].median()), 3),
-        }
-
-    lines = {name: line(part) for name, part in rows.groupby("each", sort=False)}
-    return pd.DataFrame(lines | {"all": line(rows)}).T.astype(object)
+    difference = rows[f"difference{ending}"]
+    decided = decides(difference, rows[f"se{ending}"])
+    found = pd.DataFrame({"each": rows["each"], "first": difference > 0, "differ": decided})
+    found = found.assign(right=decided & (difference > 0), wrong=decided & (difference < 0))
+    lines = {name: part.sum(numeric_only=True) for name, part in found.groupby("each", sort=False)}
+    lines["all"] = found.sum(numeric_only=True)
+    weights = rows.groupby("each", sort=False)[f"weight{ending}"].median().to_dict()
+    weights["all"] = rows[f"weight{ending}"].median()
+    campaigns = rows["each"].value_counts().to_dict() | {"all": len(rows)}
+    table = pd.DataFrame(lines).T.astype(int)
+    return table.assign(campaigns=pd.Series(campaigns), weight=pd.Series(weights).round(3))
 
 
 @family
-def compare_elements() -> Named:
-    elements = [piece.each for piece in of_family("compare_elements")]
-    rows = raw("compare_elements")
-    by_impact, by_person = compared(rows), compared(rows, "_people").loc["all"]
-    whole = by_impact.astype(dict.fromkeys(by_impact.columns.drop("weight"), int))
-    of = " of " + whole["campaigns"].astype(str)
+def compare_elements(rows: pd.DataFrame) -> Named:
+    lines, by_person = compared(rows), compared(rows, "_people").loc["all"]
     shown = pd.DataFrame(
         {
-            "first": whole["first"].astype(str) + of,
-            "differ": whole["differ"],
-            "right where they differ": whole["right"],
-            "weight of the right one": whole["weight"],
+            "first": of(lines["first"], lines["campaigns"]),
+            "differ": lines["differ"],
+            "right where they differ": lines["right"],
+            "weight of the right one": lines["weight"],
         }
     )
-    yield "table", block(table(shown.rename_axis("tissue").reset_index()), "compare_elements")
-    refused = (~rows[[f"trusted_{name}" for name in elements]].astype(bool)).sum()
+    yield "table", shown.rename_axis("tissue").reset_index()
+    elements = rows["each"].unique()
+    refused = {name: (~rows[f"trusted_{name}"].astype(bool)).sum() for name in elements}
     own = sum(not row[f"trusted_{row['each']}"] for _, row in rows.iterrows())
-    every = whole.loc["all"]
-    text = (
-        f"with people left out instead of impacts {by_person['differ']:.0f} differ and "
-        f"{by_person['right']:.0f} of them are right. Refused corrections, of {every['campaigns']} fits by "
-        f"each element: {', '.join(f'{name} {n}' for name, n in zip(elements, refused, strict=True))}; of "
-        f"the element that made the data {own}"
-    )
-    yield "refused", Figure(text, names("compare_elements"))
-    each = whole.drop("all")["campaigns"]
+    said = {"campaigns": len(rows), "by_element": ", ".join(f"{n} {count}" for n, count in refused.items())}
+    yield "refused", said | {"differ": by_person["differ"], "right": by_person["right"], "own": own}
+    each = lines.drop("all")["campaigns"]
     shares = "as many" if each.min() == each.max() else f"{each.min()} to {each.max()}"
-    text = (
-        f"of {every['campaigns']} simulated campaigns of 20 impacts, {shares} of each element, the one that "
-        f"made the data won by more than two standard errors and four nats in {every['right']}, and lost so "
-        f"in {every['wrong']}"
-    )
-    yield "sentence", Figure(text, names("compare_elements"))
+    yield "sentence", {"shares": shares} | lines.loc["all"].astype(int).to_dict()
 
 
-def _common_depth(family: str) -> pd.DataFrame:
-    """In how many campaigns an interval of 90 % holds 0, the truth; a line a case and quantity."""
-    rows = raw(family)
-    lines = coverage(rows[trusted(rows)], ["each", "quantity"])
-    exponents = ["mass_exponent_K_common_depth", "mass_exponent_K_secant"]
-    return lines[(lines["level"] == 90) & lines["quantity"].isin(exponents)]
-
-
-def _depth_table(lines: pd.DataFrame) -> str:
-    titles = {
-        "mass_exponent_K_common_depth": "at one common depth",
-        "mass_exponent_K_secant": "at each impact's own greatest depth",
-    }
-    shown = lines.assign(
-        case=lines["each"].replace("", "discrepancy_on_ball"),
-        cell=lines["held"].astype(str) + " of " + lines["campaigns"].astype(str),
-    )
-    cells = shown.pivot_table("cell", "case", "quantity", "first", sort=False).reindex(columns=list(titles))
-    return table(cells.rename(columns=titles).rename_axis(columns=None).reset_index())
+# The exponents of an interval of 90 %, as a column of the table is called.
+_DEPTHS = {
+    "mass_exponent_K_common_depth": "at one common depth",
+    "mass_exponent_K_secant": "at each impact's own greatest depth",
+}
 
 
 @family
-def common_depth() -> Named:
-    lines = _common_depth("common_depth")
-    yield "table", block(_depth_table(lines), "common_depth")
-    for name, quantity in (("range", "common_depth"), ("range_secant", "secant")):
-        own = lines[lines["quantity"] == f"mass_exponent_K_{quantity}"]
-        share, campaigns = own["held"].sum() / own["campaigns"].sum(), own["campaigns"].sum()
-        text = f"{100 * own['share'].min():.0f} to {100 * own['share'].max():.0f} %"
-        if name == "range":
-            text += f", {percent(share, 0)} of all {campaigns}"
-        yield name, Figure(text, names("common_depth"))
+def common_depth(rows: pd.DataFrame) -> Named:
+    """In how many campaigns an interval of 90 % holds 0, the truth."""
+    lines = coverage(rows[rows["passed"].astype(bool)], ["each", "quantity"])
+    lines = lines[(lines["level"] == 90) & lines["quantity"].isin(_DEPTHS)]
+    shown = lines.assign(cell=of(lines["held"], lines["campaigns"])).rename(columns={"each": "case"})
+    cells = wide(shown, "case", "quantity")[[*_DEPTHS]]
+    yield "table", cells.rename(columns=_DEPTHS).reset_index()
+    for name, quantity in zip(("range", "range_secant"), _DEPTHS, strict=True):
+        own = lines[lines["quantity"] == quantity]
+        campaigns = own["campaigns"].sum()
+        share = 100 * own["held"].sum() / campaigns
+        yield name, ends(own["share"]) | {"share": share, "campaigns": campaigns}
 
 
 @family
-def common_depth_on_ball() -> Named:
-    rows, lines = raw("common_depth_on_ball"), _common_depth("common_depth_on_ball")
+def common_depth_on_ball(rows: pd.DataFrame) -> Named:
     given = "an" if "mass_exponent_K_common_depth" in set(rows["quantity"]) else "no"
-    text = f"{given} exponent at a common depth was given in {rows['unit'].nunique()} campaigns"
-    yield "sentence", Figure(text, names("common_depth_on_ball"))
-    yield "table", block(_depth_table(lines), "common_depth_on_ball")
+    yield "sentence", {"given": given, "campaigns": rows["unit"].nunique()}
 
 
 @family
-def sound_fits() -> Named:
-    lines = raw("sound_fits")
-    alone = lines["unit"] < 0
-    sets, one = lines[~alone], lines[alone].iloc[0]
+def sound_fits(rows: pd.DataFrame) -> Named:
+    alone = rows["unit"] < 0
+    sets, one = rows[~alone], rows[alone].iloc[0]
     shown = sets.groupby(["rate_hz", "errors"], as_index=False).agg(
         datasets=("unit", "size"),
         impacts=("impacts", "sum"),
@@ -161,52 +115,36 @@ def sound_fits() -> Named:
     shown["rate_hz"] = shown["rate_hz"].map("{:.0f} Hz".format)
     named = {"rate_hz": "sampled at", "errors": "errors of the chain", "below": "p below 0.01"}
     named |= {"least": "least score", "greatest": "greatest score", "nothing": "nothing against the model"}
-    yield "table", block(table(shown.rename(columns=named)), "sound_fits")
-    count, below = int(sets["nothing_against"].astype(bool).sum()), one["below"] / one["impacts"]
-    share, error = percent(below, 2), binomial_error(below, one["impacts"])
-    text = (
-        f"a fit of data that obey its model had something against it in "
-        f"{at_most(len(sets) - count, len(sets))} datasets; of {one['impacts']} impacts sampled at 2 kHz "
-        f"{share} ± {percent(error, 2)} had p below 0.01"
-    )
-    yield "sentence", Figure(text, names("sound_fits"))
+    yield "table", shown.rename(columns=named)
+    against, below = (~sets["nothing_against"].astype(bool)).sum(), one["below"] / one["impacts"]
+    said = {"against": at_most(against, len(sets)), "impacts": one["impacts"], "share": 100 * below}
+    yield "sentence", said | {"error": 100 * binomial_error(below, one["impacts"])}
 
 
 @family
-def model_form() -> Named:
+def model_form(rows: pd.DataFrame) -> Named:
     from bayestissue.inference.checking.model_form import LIMIT
 
-    rows = raw("model_form")
     held = coverage(rows, ["each", "fit"])
     held = held[held["level"] == 90].set_index(["each", "fit"])
-    first = rows.groupby(["each", "fit", "unit"], sort=False)[["score"]].first()
-    groups = first.groupby(["each", "fit"], sort=False)
-    lines = pd.DataFrame(
-        {"campaigns": groups.size(), "least": groups["score"].min(), "greatest": groups["score"].max()}
-    )
-    lines["warned"] = (first["score"] > LIMIT).groupby(["each", "fit"]).sum()
-    plain, count = lines.index.get_level_values("fit") == "plain", lines["campaigns"].astype(str)
-    scores = lines["least"].map("{:.1f}".format) + " to " + lines["greatest"].map("{:.1f}".format)
-    impacts = held["held"].astype(str) + " of " + held["impacts"].astype(str)
+    first = rows.groupby(["each", "fit", "unit"], sort=False)["score"].first()
+    scores = first.groupby(["each", "fit"], sort=False)
+    warned = (first > LIMIT).groupby(["each", "fit"], sort=False).sum()
+    tissues, fits = (scores.size().index.get_level_values(level) for level in ("each", "fit"))
     shown = pd.DataFrame(
         {
-            "fit": lines.index.get_level_values("fit").str.replace("plain", "without a discrepancy"),
-            "warned": (lines["warned"].astype(str) + " of " + count).where(plain),
-            "score": scores,
-            "K_secant held, 90 %": impacts + " (± " + held["se"].map(percent) + ")",
+            "tissue": tissues,
+            "fit": fits.str.replace("plain", "without a discrepancy"),
+            "warned": of(warned, scores.size()).where(fits == "plain"),
+            "score": scores.min().map("{:.1f}".format) + " to " + scores.max().map("{:.1f}".format),
+            "K_secant held, 90 %": of(held["held"], held["impacts"]) + " (± " + held["se"].map(percent) + ")",
             "width": held["width"].map(percent),
         }
     )
-    shown.insert(0, "tissue", lines.index.get_level_values("each"))
-    yield "table", block(table(shown), "model_form")
-    stiffening, same = ("model_form-stiffening",), ("model_form-kelvin_voigt",)
-    wrong, right = lines.loc[("stiffening", "plain")], lines.loc[("kelvin_voigt", "plain")]
-    yield "warned", Figure(f"{wrong['warned']:.0f} of {wrong['campaigns']:.0f}", stiffening)
-    yield "false_alarms", Figure(at_most(int(right["warned"]), int(right["campaigns"])), same)
+    yield "table", shown
+    yield "warned", of(warned, scores.size())["stiffening", "plain"]
+    right = "kelvin_voigt", "plain"
+    yield "false_alarms", at_most(int(warned[right]), int(scores.size()[right]))
     without, wide = held.loc[("stiffening", "plain")], held.loc[("stiffening", "discrepancy")]
-    text = (
-        f"of stiffening tissue fitted as a spring and damper 90 % intervals held the secant stiffness in "
-        f"{wide['held']:.0f} of {wide['impacts']:.0f} impacts with the discrepancy, "
-        f"{percent(wide['width'], 0)} wide, and in {without['held']:.0f} without it"
-    )
-    yield "sentence", Figure(text, stiffening)
+    said = {"wide": wide["held"], "width": 100 * wide["width"], "impacts": wide["impacts"]}
+    yield "sentence", said | {"without": without["held"]}

@@ -2,92 +2,62 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 
-from evidence.texts import Figure, Named, at_most, block, family, names, percent, raw, table
-
-
-def _alarms() -> pd.DataFrame:
-    """How many sets of each kind raise an alarm."""
-    groups = raw("measuring_chain").groupby(["likelihood", "spoilt"], sort=False)["alarm"]
-    return pd.DataFrame({"alarms": groups.sum(), "sets": groups.size()}).reset_index()
+from evidence.texts import Named, at_most, family, percent, wide
 
 
 @family
-def measuring_chain() -> Named:
-    lines = _alarms()
-    cells = lines["alarms"].astype(str) + " of " + lines["sets"].astype(str)
-    shown = lines.assign(cell=cells).pivot_table("cell", "spoilt", "likelihood", "first", sort=False)
-    shown = shown.rename(columns="alarms by `{}`".format).reset_index().rename_axis(columns=None)
-    yield "table", block(table(shown), "measuring_chain")
+def measuring_chain(rows: pd.DataFrame) -> Named:
+    groups = rows.groupby(["likelihood", "spoilt"], sort=False)["alarm"]
+    lines = pd.DataFrame({"alarms": groups.sum(), "sets": groups.size()}).reset_index()
+    lines["cell"] = lines["alarms"].astype(str) + " of " + lines["sets"].astype(str)
+    shown = wide(lines, "spoilt", "likelihood")
+    yield "table", shown.rename(columns="alarms by `{}`".format).reset_index()
     right = lines[lines["spoilt"] == "nothing"]
     false_alarms = at_most(right["alarms"].sum(), right["sets"].sum())
-    yield "false_alarms", Figure(false_alarms, names("measuring_chain"))
+    yield "false_alarms", false_alarms
     wrong = lines[~lines["spoilt"].str.contains("nothing|mass")]
-    share = f"{wrong['alarms'].min()} to {wrong['alarms'].max()} of {wrong['sets'].max()}"
-    text = (
-        f"there was an alarm for {share} sets with an error of each kind that shows, and for {false_alarms} "
-        "right ones, where one of 200 may have one"
-    )
-    yield "sentence", Figure(text, names("measuring_chain"))
+    said = {"least": wrong["alarms"].min(), "most": wrong["alarms"].max(), "sets": wrong["sets"].max()}
+    yield "sentence", said | {"false_alarms": false_alarms}
 
 
 @family
-def spoilt_impacts() -> Named:
-    rows = raw("spoilt_impacts").rename(columns={"unit": "kind"})
+def spoilt_impacts(rows: pd.DataFrame) -> Named:
+    caught = rows["off_and_flagged"] / rows["off"]
     shown = pd.DataFrame(
         {
-            "recording": rows["kind"],
+            "recording": rows["unit"],
             "impacts": rows["impacts"],
-            "flagged": [percent(each) for each in rows["flagged"] / rows["impacts"]],
+            "flagged": (rows["flagged"] / rows["impacts"]).map(percent),
             "K or C off by more than 5 %": rows["off"],
-            "of these flagged": (rows["off_and_flagged"] / rows["off"]).map(
-                lambda share: "" if np.isnan(share) else percent(share, 0)
-            ),
+            "of these flagged": caught.map(lambda share: percent(share, 0)),
             "not flagged, but noted": rows["off_and_noted"],
-            "K off, median": rows["K_off_median"].map(percent).where(rows["K_off_median"].notna()),
-            "C off, median": rows["C_off_median"].map(percent).where(rows["C_off_median"].notna()),
+            "K off, median": rows["K_off_median"].map(percent),
+            "C off, median": rows["C_off_median"].map(percent),
             "commonest flag": rows["commonest_flag"],
         }
     )
-    yield "table", block(table(shown), "spoilt_impacts")
-    own, sound = names("spoilt_impacts"), rows["kind"].str.startswith("sound")
-    spoilt = rows[~sound]
-    off, caught = spoilt["off"].sum(), spoilt["off_and_flagged"].sum()
-    fine = rows[rows["kind"] == "sound, deceleration"].iloc[0]
-    false_alarms = percent(fine["flagged"] / fine["impacts"])
-    least = spoilt[spoilt["off"] >= 20].assign(share=lambda t: t["off_and_flagged"] / t["off"])
-    weakest = ", ".join(
-        f"{row.kind} {percent(row.share, 0)}" for row in least.nsmallest(3, "share").itertuples()
-    )
-    text = (
-        f"of {spoilt['impacts'].sum()} impacts spoilt in {len(spoilt)} ways, K or C of {off} is off by more "
-        f"than 5 %, and {percent(caught / off)} of these are flagged or refused (the least of the kinds: "
-        f"{weakest}), as are {false_alarms} of sound decelerations"
-    )
-    yield "sentence", Figure(text, own)
-    text = f"{percent(caught / off)} of those that make K or C wrong by 5 %, and {false_alarms} of sound ones"
-    yield "short", Figure(text, own)
+    yield "table", shown
+    spoilt = ~rows["unit"].str.startswith("sound")
+    sums = rows[spoilt][["impacts", "off", "off_and_flagged"]].sum()
+    fine = rows[rows["unit"] == "sound, deceleration"].iloc[0]
+    least = caught[spoilt & (rows["off"] >= 20)].nsmallest(3)
+    said = {"impacts": sums["impacts"], "ways": spoilt.sum(), "off": sums["off"]}
+    said |= {"weakest": ", ".join(f"{rows['unit'][row]} {percent(share, 0)}" for row, share in least.items())}
+    said |= {"caught": percent(sums["off_and_flagged"] / sums["off"])}
+    said |= {"false_alarms": percent(fine["flagged"] / fine["impacts"])}
+    yield "sentence", said
+    yield "short", said
 
 
 @family
-def damaged_files() -> Named:
-    rows = raw("damaged_files")
-    good, bad = int(rows["examples_passed"].sum()), int(rows["examples_failed"].sum())
-    passed = int((rows["state"] == "passed").sum())
-    text = f"{passed} of {len(rows)} kinds of file passed the test with damaged ones"
-    if good + bad:
-        text += f"; {bad} of {good + bad} damaged files were read wrongly or gave a traceback"
-    yield "sentence", Figure(text, names("damaged_files"))
+def damaged_files(rows: pd.DataFrame) -> Named:
+    good, bad = (int(rows[f"examples_{end}"].sum()) for end in ("passed", "failed"))
+    passed = (rows["state"] == "passed").sum()
+    yield "sentence", {"passed": passed, "kinds": len(rows), "bad": bad, "files": good + bad}
 
 
 @family
-def kills() -> Named:
-    rows = raw("kills")
-    passed = (rows["state"] == "passed").all()
-    text = "had the same draws as one that was left alone" if passed else "did not all have the same draws"
-    yield (
-        "sentence",
-        Figure(f"a fit that was killed ten times, and given again each time, {text}", names("kills")),
-    )
+def kills(rows: pd.DataFrame) -> Named:
+    yield "sentence", {"had": "had" if (rows["state"] == "passed").all() else "did not all have"}

@@ -7,130 +7,89 @@ import pandas as pd
 from scipy import stats
 
 from bayestissue.studies.certificate.ranks import DRAWS, half_band, p_of_uniform
-from evidence.registry import of_family
 from evidence.texts import (
     Figure,
     Named,
     binomial_error,
-    block,
     coverage,
     coverage_table,
-    each_held,
+    ends,
     family,
-    names,
     percent,
     power_of_ten,
-    raw,
-    table,
-    trusted,
+    sentence,
+    wide,
     with_error,
 )
 
+# Where fewer impacts tell K, those that do are a selection.
 _MOST = 0.5
 # Of calibration: ranks are below this, and are counted in so many bins.
 RANKS, BINS = DRAWS + 1, 20
 
 
 @family
-def exactness() -> Named:
-    lines = raw("exactness").drop(columns="each")
-    difference = lines["largest_difference"]
-    shown = lines.assign(largest_difference=difference.map(power_of_ten) + " " + lines["relative_to"])
-    titles = {"largest_difference": "largest difference"}
-    yield "table", block(table(shown.drop(columns="relative_to").rename(columns=titles)), "exactness")
-    arma, motion, decelerations = (
-        power_of_ten(difference[lines["what"].str.contains(words, regex=False)].max())
-        for words in ("ARMA", "motion", "recorded decelerations")
-    )
-    text = (
-        f"the largest differences from the oracles are {arma} of the log density of ARMA(2,1), {motion} of "
-        f"the peak of a motion, and {decelerations} nats of a deceleration's"
-    )
-    yield "sentence", Figure(text, names("exactness"))
-
-
-def coverage_of_fits() -> pd.DataFrame:
-    """A line a likelihood, quantity and level."""
-    return coverage(raw("coverage_fit"), ["each", "quantity"])
+def exactness(rows: pd.DataFrame) -> Named:
+    difference = rows["largest_difference"]
+    sizes = difference.map(power_of_ten) + " " + rows["relative_to"]
+    yield "table", rows[["what", "oracle"]].assign(**{"largest difference": sizes})
+    words = {"arma": "ARMA", "motion": "motion", "decelerations": "recorded decelerations"}
+    of = {name: difference[rows["what"].str.contains(word)] for name, word in words.items()}
+    yield "sentence", {name: power_of_ten(each.max()) for name, each in of.items()}
 
 
 @family
-def coverage_fit() -> Named:
-    lines = coverage_of_fits()
-    yield from each_held(lines, "coverage_fit")
-    shown = coverage_table(lines, ["each", "quantity"]).rename(columns={"each": "likelihood"})
-    yield "table", block(table(shown), "coverage_fit")
+def coverage_fit(rows: pd.DataFrame) -> Named:
+    lines = coverage(rows, ["each", "quantity"])
+    names = lines["each"] + "_" + lines["quantity"] + "_" + lines["level"].astype(str)
+    held = dict(zip(names, lines["cell"], strict=True))
+    yield from held.items()
+    yield "table", coverage_table(lines, "likelihood")
     own = lines[lines["quantity"].isin(["K", "C"])]
     own = own.assign(
         what=own["quantity"] + ", " + own["level"].astype(str) + " %",
-        cell=with_error(own["share"], own["se"]),
+        model="`" + own["each"] + ".toml`",
     )
-    short = own.pivot_table("cell", "each", "what", "first", sort=False)
-    short = short.rename("`{}.toml`".format).rename_axis("model").rename_axis(columns=None)
-    yield "short", block(table(short.reset_index()), "coverage_fit")
-    for kind, part in own[own["level"] == 90].groupby("each", sort=False):
-        held = " and ".join(f"{line.quantity} in {line.cell}" for line in part.itertuples())
-        text = (
-            f"of {part['impacts'].max()} impacts in {part['campaigns'].max()} simulated campaigns, "
-            f"90 % intervals by `{kind}.toml` held {held}"
-        )
-        yield f"{kind}_sentence", Figure(text, (f"coverage_fit-{kind}",))
-    K = own[(own["level"] == 90) & (own["each"] == "impact") & (own["quantity"] == "K")].iloc[0]
-    text = f"90 % intervals of K held the truth in {K['cell']} of simulated impacts."
-    yield "readme", Figure(text, ("coverage_fit-impact",))
+    yield "short", wide(own, "model", "what").reset_index()
+    yield "readme", held
 
 
 @family
-def coverage_point() -> Named:
-    lines = raw("coverage_point")
-    impacts = lines["impacts"]
-    shown = pd.DataFrame({"noise": lines["unit"], "impacts": impacts})
-    unflagged, most = lines["unflagged"], []
+def coverage_point(rows: pd.DataFrame) -> Named:
+    shown, enough = rows[["unit", "impacts"]].rename(columns={"unit": "noise"}), []
     for q in "KC":
-        held = lines[f"{q}_held"] / unflagged.replace(0, np.nan)
-        shown[f"{q} held"] = held.map(percent).where(held.notna())
-        with_bounds = lines[f"{q}_held_with_bounds"] / lines[f"{q}_bounded"]
-        shown[f"{q} held, bounds included"] = with_bounds.map(percent)
-        # Where few impacts tell K those that do are a selection.
-        most.append(held[unflagged / impacts >= _MOST])
-    shown["unflagged"] = (unflagged / impacts).map(percent)
-    yield "table", block(table(shown), "coverage_point")
-    held = pd.concat(most)
-    yield "range", Figure(f"{100 * held.min():.0f} to {100 * held.max():.0f} %", names("coverage_point"))
+        held = rows[f"{q}_held"] / rows["unflagged"].replace(0, np.nan)
+        shown[f"{q} held"] = held.map(percent)
+        bounded = rows[f"{q}_held_with_bounds"] / rows[f"{q}_bounded"]
+        shown[f"{q} held, bounds included"] = bounded.map(percent)
+        enough.append(held[rows["unflagged"] / rows["impacts"] >= _MOST])
+    yield "table", shown.assign(unflagged=(rows["unflagged"] / rows["impacts"]).map(percent))
+    yield "range", ends(pd.concat(enough))
 
 
 @family
-def drops() -> Named:
-    lines = raw("drops").set_index("unit")
-    impacts, share = lines["impacts"], {q: lines[f"{q}_held"] / lines["impacts"] for q in "KC"}
-    shown = pd.DataFrame({"drops": lines.index, "impacts": impacts.to_numpy()})
+def drops(rows: pd.DataFrame) -> Named:
+    share = {q: rows[f"{q}_held"] / rows["impacts"] for q in "KC"}
+    shown = rows[["unit", "impacts"]].rename(columns={"unit": "drops"})
     for q in "KC":
-        shown[f"{q} held"] = with_error(share[q], binomial_error(share[q], impacts))
-        shown[f"{q} off by"] = [percent(off, 2) for off in lines[f"{q}_bias"]]
-    shown["gravity flagged"] = lines["gravity_named"].to_numpy()
-    yield "table", block(table(shown), "drops")
-    declared = lines.index.str.startswith("declared, ")
-    held = 100 * pd.concat([share[q][declared] for q in "KC"])
+        shown[f"{q} held"] = with_error(share[q], binomial_error(share[q], rows["impacts"]))
+        shown[f"{q} off by"] = [percent(off, 2) for off in rows[f"{q}_bias"]]
+    yield "table", shown.assign(**{"gravity flagged": rows["gravity_named"]})
+    lines = rows.set_index("unit")
     wrong, right = lines.loc["declared as none"], lines.loc["none, declared as none"]
-    named, alarms = (f"{each['gravity_named']:.0f} of {each['impacts']:.0f}" for each in (wrong, right))
-    text = (
-        f"90 % intervals of vertical drops held K and C in {held.min():.0f} to {held.max():.0f} %; of drops "
-        f"declared as none K came out {percent(wrong['K_bias'], 0)} too large, and {named} were flagged, as "
-        f"were {alarms} impacts without gravity"
+    yield (
+        "sentence",
+        ends(pd.concat(each[rows["unit"].str.startswith("declared, ")] for each in share.values()))
+        | {"bias": 100 * wrong["K_bias"], "named": wrong["gravity_named"], "of": wrong["impacts"]}
+        | {"alarms": right["gravity_named"], "of_right": right["impacts"]},
     )
-    yield "sentence", Figure(text, names("drops"))
 
 
 @family
-def many_impacts() -> Named:
-    row = raw("many_impacts").iloc[0]
-    text = (
-        f"{row['impacts']:.0f} impacts took {row['minutes']:.1f} minutes ({row['processor_minutes']:.1f} of "
-        f"processor time) and {row['memory_GiB']:.1f} GiB; 90 % intervals held K of "
-        f"{percent(row['K_held_90'] / row['impacts'])} and C of "
-        f"{percent(row['C_held_90'] / row['impacts'])} of them"
-    )
-    yield "sentence", Figure(text, names("many_impacts"))
+def many_impacts(rows: pd.DataFrame) -> Named:
+    row = rows.iloc[0]
+    held = {q: 100 * row[f"{q}_held_90"] / row["impacts"] for q in "KC"}
+    yield "sentence", row.to_dict() | held
 
 
 def spread(u: np.ndarray) -> tuple[float, float]:
@@ -140,40 +99,30 @@ def spread(u: np.ndarray) -> tuple[float, float]:
 
 
 @family
-def calibration() -> Named:
+def calibration(rows: pd.DataFrame) -> Named:
     cells, said, every = {}, [], []
-    for piece in of_family("calibration"):
-        rows = piece.rows()
-        if rows.empty:
-            continue
-        ranks = rows.drop(columns=["unit", "pareto_k", "passed"], errors="ignore").astype(int)
+    for each, part in rows.groupby("each", sort=False):
+        ranks = part.drop(columns=["unit", "each", "passed"]).dropna(axis=1).astype(int)
         p = {}
         for name in ranks:
             bins = np.bincount(ranks[name] * BINS // RANKS, minlength=BINS)
             p[name] = float(stats.chisquare(bins).pvalue), p_of_uniform(ranks[name].to_numpy())
-        cells[piece.each] = pd.Series({name: f"{a:.3f} / {b:.3f}" for name, (a, b) in p.items()})
-        every += [each for pair in p.values() for each in pair]
+        cells[each] = pd.Series({name: f"{a:.3f} / {b:.3f}" for name, (a, b) in p.items()})
+        values = [value for pair in p.values() for value in pair]
+        every += values
         wide, error = spread((ranks.to_numpy() + 0.5) / RANKS)
-        text = (
-            f"`{piece.each}`: {len(ranks)} data sets, {(~trusted(rows)).sum()} of them not to "
-            f"be trusted by their diagnostics; the least of {2 * len(p)} p-values is "
-            f"{min(map(min, p.values())):.3f}; the "
-            f"ranks spread {wide:.3f} ± {error:.3f} times as far as they should; the ECDF's test sees a "
-            f"share of ranks that is {percent(half_band(len(ranks)), 0)} off"
-        )
-        said.append(f"- {text}.")
-        yield f"{piece.each}_sentence", Figure(text, (piece.name,))
-    rows = pd.DataFrame(cells)
-    yield "table", block(table(rows.rename_axis("quantity").reset_index()), "calibration")
-    yield "list", block("\n".join(said), "calibration")
-    small = sum(each < 0.01 for each in every)
-    text = f"{small} of {len(every)} p-values are below 0.01, where {0.01 * len(every):.1f} are expected"
-    yield "sentence", Figure(text, names("calibration"))
+        of_one = {"each": each, "sets": len(ranks), "refused": (~part["passed"].astype(bool)).sum()}
+        of_one |= {"tests": len(values), "least": min(values), "wide": wide, "error": error}
+        of_one["band"] = 100 * half_band(len(ranks))
+        said.append(f"- {sentence('calibration', 'of_one', of_one)}.")
+    yield "table", pd.DataFrame(cells).rename_axis("quantity").reset_index()
+    yield "list", Figure("\n".join(said), block=True)
+    small = sum(value < 0.01 for value in every)
+    yield "sentence", {"small": small, "tests": len(every), "expected": 0.01 * len(every)}
 
 
 @family
-def posteriors() -> Named:
-    rows = raw("posteriors")
+def posteriors(rows: pd.DataFrame) -> Named:
     z = rows["difference"] / rows["mcse"]
     rows = rows.assign(square=z**2, apart=z.abs(), off=(rows["difference"] / rows["sd"]).abs())
     groups = rows.groupby(["unit", "statistic"], sort=False)
@@ -185,59 +134,37 @@ def posteriors() -> Named:
             "off at most, of the sd": groups["off"].max().map(percent),
         }
     )
-    yield "table", block(table(shown.reset_index().rename(columns={"unit": "case"})), "posteriors")
-    number, apart = len(z) // rows["statistic"].nunique(), np.sqrt((z**2).mean())
-    text = (
-        f"means, standard deviations and quantiles of {number} quantities by a fit's sampler are "
-        f"{apart:.2f} Monte Carlo errors from those of 10,000 draws by another one (root "
-        f"mean square; 1 is expected), and at most {z.abs().max():.1f}; none is off by more than "
-        f"{percent(rows['off'].max())} of its posterior standard deviation"
-    )
-    yield "sentence", Figure(text, names("posteriors"))
-    text = f"{number} quantities are {apart:.2f} Monte Carlo errors apart, where 1 is expected"
-    yield "short", Figure(text, names("posteriors"))
+    yield "table", shown.reset_index().rename(columns={"unit": "case"})
+    said = {"number": len(z) // rows["statistic"].nunique(), "apart": np.sqrt((z**2).mean())}
+    said |= {"most": z.abs().max(), "off": 100 * rows["off"].max()}
+    yield "sentence", said
+    yield "short", said
 
 
 @family
-def recorder() -> Named:
-    lines = raw("recorder")
+def recorder(rows: pd.DataFrame) -> Named:
     counts = ["impacts", "K held", "C held", "suspected"]
-    shown = lines.drop(columns=["unit", "each"]).assign(
-        declared=lines["declared"].map({True: "yes", False: "no"}),
-        **{name: lines[name].astype("Int64") for name in counts},
-    )
-    yield "table", block(table(shown), "recorder")
-    analog = lines["filter"].str.endswith(", taken as analog")
-    filtered = lines[lines["K held"].notna() & (lines["filter"] != "none") & ~analog]
-    declared, left_out = (filtered[filtered["declared"] == value] for value in (True, False))
+    shown = rows.drop(columns=["unit", "each"]).astype(dict.fromkeys(counts, "Int64"))
+    yield "table", shown.assign(declared=rows["declared"].map({True: "yes", False: "no"}))
+    analog = rows["filter"].str.endswith(", taken as analog")
+    filtered = rows["K held"].notna() & (rows["filter"] != "none") & ~analog
 
-    def held(rows: pd.DataFrame, names: tuple[str, ...] = ("K held", "C held")) -> str:
-        share = 100 * rows[list(names)].to_numpy() / rows[["impacts"]].to_numpy()
-        return f"{share.min():.0f} to {share.max():.0f} %"
+    def held(which: pd.Series, of: str = "KC") -> str:
+        shares = pd.concat(rows[f"{q} held"][which] / rows["impacts"][which] for q in of)
+        return f"{100 * shares.min():.0f} to {100 * shares.max():.0f} %"
 
-    sound = lines[lines["K held"].isna()]
-    false_alarms = f"{int(sound['suspected'].sum())} of {sound['impacts'].sum()}"
-    text = (
-        f"behind a declared low-pass 90 % intervals held K and C in {held(declared)} of impacts, behind one "
-        f"that is not C in {held(left_out, ('C held',))}, behind software's taken as analog K and C in "
-        f"{held(lines[analog])}; `check` suspected {false_alarms} recordings "
-        "without one"
+    sound = rows[rows["K held"].isna()]
+    yield (
+        "sentence",
+        {"declared": held(filtered & rows["declared"]), "analog": held(analog)}
+        | {"left_out": held(filtered & ~rows["declared"], "C")}
+        | {"suspected": sound["suspected"].sum(), "sound": sound["impacts"].sum()},
     )
-    yield "sentence", Figure(text, names("recorder"))
 
 
 @family
-def recordings() -> Named:
-    rows = raw("recordings")
+def recordings(rows: pd.DataFrame) -> Named:
+    columns = {"unit": "recordings", "recorded": "recorded", "impacts": "impacts", "left_out": "left out"}
     p = rows["below"].astype(str) + " of " + rows["tested"].astype(str)
-    shown = pd.DataFrame(
-        {
-            "recordings": rows["unit"],
-            "recorded": rows["recorded"],
-            "impacts": rows["impacts"],
-            "left out": rows["left_out"],
-            "flagged": rows["flagged"],
-            "p below 0.01": p.where(rows["tested"] > 0, ""),
-        }
-    )
-    yield "table", block(table(shown), "recordings")
+    shown = rows[[*columns, "flagged"]].rename(columns=columns)
+    yield "table", shown.assign(**{"p below 0.01": p.where(rows["tested"] > 0, "")})

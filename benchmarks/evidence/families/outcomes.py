@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pandas as pd
 
-from evidence.texts import Figure, Named, binomial_error, block, family, names, raw, table, with_error
+from evidence.texts import Figure, Named, binomial_error, family, wide, with_error
 
 # Of probabilities of being best, in which levels are counted together.
 BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
@@ -92,44 +92,28 @@ def diagram(lines: pd.DataFrame) -> str:
 
 
 @family
-def outcome_coverage() -> Named:
-    rows = raw("outcome_coverage")
-    by_element = pd.concat(
-        [shares(part).assign(element=element) for element, part in rows.groupby("each", sort=False)]
-    )
-    own = by_element[by_element["outcome"] != "all"]
-    of_all = shares(rows).assign(element="all")
-    together = pd.concat([by_element, of_all]).query("outcome == 'all'")
-    together = together.assign(cell=with_error(together["share"], together["se"]))
-    shown = together.pivot_table("cell", "element", "of", "first", sort=False).rename_axis(columns=None)
-    yield "table", block(table(shown.reset_index()), "outcome_coverage")
-    by_outcome = of_all.assign(cell=with_error(of_all["share"], of_all["se"]))
-    by_outcome = by_outcome.pivot_table("cell", "outcome", "of", "first", sort=False)
-    yield "outcomes", block(table(by_outcome.rename_axis(columns=None).reset_index()), "outcome_coverage")
+def outcome_coverage(rows: pd.DataFrame) -> Named:
+    parts = [shares(part).assign(element=element) for element, part in rows.groupby("each", sort=False)]
+    lines = pd.concat([*parts, shares(rows).assign(element="all")])
+    lines = lines.assign(cell=with_error(lines["share"], lines["se"]))
+    yield "table", wide(lines.query("outcome == 'all'"), "element", "of").reset_index()
+    yield "outcomes", wide(lines.query("element == 'all'"), "outcome", "of").reset_index()
+    own = lines.query("outcome != 'all' and element != 'all'")
     # Of no misses the studies tell no error: that of their sixteen impacts is the least.
     far = (own["share"] - LEVEL).abs() / own["se"].clip(lower=binomial_error(LEVEL, 16 * own["studies"]))
-    text = (
-        f"in {len(rows)} simulated studies 90 % intervals of recorded impacts, of people's sides beyond what "
-        f"was measured and of new people held {of_held(of_all)} of all outcomes' truths; of {len(own)} "
-        f"shares, one of each element, kind and outcome, {(far <= 2).sum()} are within two standard errors "
-        "of 90 %"
-    )
-    yield "sentence", Figure(text, names("outcome_coverage"))
-    yield "short", Figure(f"90 % intervals held {of_held(of_all)}", names("outcome_coverage"))
-    lines = reliability(rows)
-    yield "diagram", block(diagram(lines), "outcome_coverage")
+    *first, last = lines.query("outcome == 'all' and element == 'all'")["share"].map("{:.0%}".format)
+    held = f"{', '.join(first)} and {last}".replace("%", " %")
+    said = {"studies": len(rows), "held": held, "shares": len(own), "within": (far <= 2).sum()}
+    yield "sentence", said
+    yield "short", said
+    bins = reliability(rows)
+    yield "diagram", Figure(diagram(bins), block=True)
     claims = pd.DataFrame(
         {
-            "probability of being best": [f"{one['from']:g} to {one['to']:g}" for _, one in lines.iterrows()],
-            "levels": lines["levels"],
-            "mean probability": lines["probability"].map("{:.1%}".format).str.replace("%", " %"),
-            "best": with_error(lines["share"], lines["se"]),
+            "probability of being best": [f"{one['from']:g} to {one['to']:g}" for _, one in bins.iterrows()],
+            "levels": bins["levels"],
+            "mean probability": bins["probability"].map("{:.1%}".format).str.replace("%", " %"),
+            "best": with_error(bins["share"], bins["se"]),
         }
     )
-    yield "best", block(table(claims), "outcome_coverage")
-
-
-def of_held(lines: pd.DataFrame) -> str:
-    """Such as "90 %, 89 % and 91 %", by kind."""
-    *first, last = [f"{100 * share:.0f} %" for share in lines[lines["outcome"] == "all"]["share"]]
-    return f"{', '.join(first)} and {last}"
+    yield "best", claims

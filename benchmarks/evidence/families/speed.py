@@ -4,35 +4,27 @@ from __future__ import annotations
 
 import pandas as pd
 
-from evidence.texts import Figure, Named, block, family, names, raw, table
+from evidence.texts import Named, family, wide
 
 
 @family
-def likelihood() -> Named:
-    rows = raw("likelihood").rename(columns={"unit": "samples"})
-    ours = rows[rows["contender"] == "bayestissue"].set_index("samples")["ms"]
-    times = rows["ms"] / rows["samples"].map(ours)
+def likelihood(rows: pd.DataFrame) -> Named:
+    ours = rows[rows["contender"] == "bayestissue"].set_index("unit")["ms"]
+    times = rows["ms"] / rows["unit"].map(ours)
     cells = [f"{ms:.3g} ({ratio:.2g})" for ms, ratio in zip(rows["ms"], times, strict=True)]
-    shown = rows.assign(cell=cells).pivot_table("cell", "contender", "samples", "first", sort=False)
-    shown = shown.rename(columns="{} samples".format).reset_index().rename_axis(columns=None)
-    yield "table", block(table(shown), "likelihood")
-    at = rows["samples"] == 1024
-    libraries = rows["contender"].str.contains("tinygp|celerite2|statsmodels")
+    shown = wide(rows.assign(cell=cells), "contender", "unit")
+    yield "table", shown.rename(columns="{} samples".format).reset_index()
+    at = rows["unit"] == 1024
+    others = times[at & rows["contender"].str.contains("tinygp|celerite2|statsmodels")]
     scan = times[at & rows["contender"].str.contains("tuned")].iloc[0]
-    text = (
-        f"at 1024 samples other libraries take {times[at & libraries].min():.0f} to "
-        f"{times[at & libraries].max():.0f} times as long as a fit's density and gradient, the fastest scan "
-        f"that was tried {scan:.0f} times"
-    )
-    yield "sentence", Figure(text, names("likelihood"))
+    yield "sentence", {"least": others.min(), "most": others.max(), "scan": scan}
 
 
 @family
-def fit_efficiency() -> Named:
-    rows = raw("fit_efficiency").rename(columns={"unit": "contender"})
+def fit_efficiency(rows: pd.DataFrame) -> Named:
     shown = pd.DataFrame(
         {
-            "contender": rows["contender"],
+            "contender": rows["unit"],
             "chains": rows["remark"],
             "gradients a draw": rows["gradients_a_draw"].map("{:.0f}".format),
             "least ESS": rows["ess_bulk"].map("{:.0f}".format),
@@ -41,53 +33,41 @@ def fit_efficiency() -> Named:
             "R-hat": rows["r_hat"].map("{:.3f}".format).where(rows["r_hat"].notna()),
         }
     )
-    yield "table", block(table(shown), "fit_efficiency")
-    rate = rows.set_index("contender")["per_own_s"]
+    yield "table", shown
+    rate = rows.set_index("unit")["per_own_s"]
     ours = rate[rate.index.str.startswith("bayestissue")].max()
-    plain = rate[rate.index.str.contains("plain model")].max()
-    text = (
-        f"a fit makes at least {ours / plain:.0f} times the effective samples a second of the samplers of "
-        "numpyro and nutpie on the model written plainly"
-    )
-    yield "sentence", Figure(text, names("fit_efficiency"))
+    yield "sentence", {"times": ours / rate[rate.index.str.contains("plain model")].max()}
 
 
 @family
-def trace_likelihood() -> Named:
-    shown = raw("trace_likelihood").drop(columns="each").set_index("likelihood").map("{:.3g}".format)
-    yield "table", block(table(shown.rename(columns="{} [ms]".format).reset_index()), "trace_likelihood")
+def trace_likelihood(rows: pd.DataFrame) -> Named:
+    shown = rows.drop(columns="each").set_index("likelihood").map("{:.3g}".format)
+    yield "table", shown.rename(columns="{} [ms]".format).reset_index()
 
 
 @family
-def fit_time() -> Named:
-    rows = raw("fit_time")
+def fit_time(rows: pd.DataFrame) -> Named:
     columns = {"first_s": "first [s]", "again_s": "again [s]", "other_s": "other dataset [s]"}
-    shown = rows[["element", "tissue", *columns, "r_hat", "ess"]].rename(columns=columns)
-    shown = shown.rename(columns={"r_hat": "R-hat", "ess": "least ESS"})
-    yield "table", block(table(shown), "fit_time")
+    columns |= {"r_hat": "R-hat", "ess": "least ESS"}
+    yield "table", rows[["element", "tissue", *columns]].rename(columns=columns)
     example = rows[rows["tissue"] == "example"].groupby("element").last()
-    for name, row in example.iterrows():
-        yield f"{name}_first", Figure(f"{row['first_s']:.0f} s", (f"fit_time-{name}",))
-        yield f"{name}_again", Figure(f"{row['again_s']:.0f} s", (f"fit_time-{name}",))
-        if name == "kelvin_voigt":
-            text = f"The example takes {row['first_s']:.0f} s the first time on a machine."
-            yield "readme", Figure(text, (f"fit_time-{name}",))
+    seconds = {
+        f"{name}_{run}": f"{row[f'{run}_s']:.0f} s"
+        for name, row in example.iterrows()
+        for run in ("first", "again")
+    }
+    yield from seconds.items()
+    yield "readme", seconds
 
 
 @family
-def reproduce_time() -> Named:
-    rows = raw("reproduce_time").set_index("run")
-    for run in ("first", "again"):
-        yield run, Figure(f"{rows.loc[run, 's']:.0f} s", names("reproduce_time"))
+def reproduce_time(rows: pd.DataFrame) -> Named:
+    yield from rows.set_index("run")["s"].map("{:.0f} s".format).items()
 
 
 @family
-def bench_latency() -> Named:
-    rows = raw("bench_latency").groupby("at")[["s", "work_s"]].median()
-    early, late = (f"{seconds:.1f} s" for seconds in rows["s"].iloc[[0, -1]])
-    text = (
-        f"`watch` judges the {rows.index[0]}th drop {early} after its file is whole, and the "
-        f"{rows.index[-1]}th {late}; of that the verdict takes {rows['work_s'].iloc[-1]:.1f} s, and the rest "
-        "is waiting until the file stands still"
-    )
-    yield "sentence", Figure(text, names("bench_latency"))
+def bench_latency(rows: pd.DataFrame) -> Named:
+    medians = rows.groupby("at")[["s", "work_s"]].median()
+    ((first, early), (last, late)) = medians["s"].iloc[[0, -1]].items()
+    said = {"first": first, "early": early, "last": last, "late": late}
+    yield "sentence", said | {"work_s": medians["work_s"].iloc[-1]}
