@@ -24,7 +24,7 @@ from bayestissue.reports.pages.fit.fit_run import TABLES
 from bayestissue.studies import fitting
 from bayestissue.studies.fitting import FitJob, resolve
 from bayestissue.studies.simulation import Simulation, simulate
-from campaigns import FOUR_BY_FOUR
+from campaigns import FOUR_BY_FOUR, simulated, spreads
 from make_fit_run import make_fit_run
 
 WORST = {"r_hat": 1.003, "ess_bulk": 1200.0, "ess_tail": 900.0}
@@ -281,24 +281,16 @@ def test_structured_residuals_ask_for_a_second_fit(
 
 @pytest.mark.long
 def test_a_stiffening_tissue_fitted_by_spring_and_damper_keeps_its_secant_stiffness(tmp_path):
-    conditions = [
-        {"trial": trial, "mass_kg": mass, "velocity_m_s": velocity}
-        for trial, mass, velocity in (("t1", 0.4, 1.5), ("t2", 0.7, 1.1), ("t3", 1.2, 0.8))
-    ]
-    tissue = {"element": "stiffening", "K_N_per_m": 2000.0, "C_N_s_per_m": 25.0, "reference_mass_kg": 0.7}
-    spreads = {f"sd_{group}_{q}": 0.1 for group in ("subject", "impact") for q in ("K", "C")}
+    tissue = {"element": "stiffening", "parameters": {"stiffening_depth_m": 0.02}, "K_N_per_m": 2000.0}
     recording = {"sampling_rate_hz": 5000.0, "noise_relative_to_peak": 0.005, "offset_sd_m_s2": 0.2}
     errors = {"relative_gain_sd": 0.005, "velocity_sd_m_s": 0.005, "relative_mass_sd": 0.002}
-    made = simulate(
-        Simulation.model_validate(
-            {
-                "name": "stiffening",
-                "seed": 3,
-                "design": {"subjects": 4, "conditions": conditions},
-                "tissue": tissue | spreads | {"parameters": {"stiffening_depth_m": 0.02}},
-                "recording": recording | errors | {"before_contact_s": 0.005, "after_contact_s": 0.005},
-            }
-        )
+    made = simulated(
+        tissue | spreads(subject=0.1, impact=0.1),
+        recording | errors | {"before_contact_s": 0.005, "after_contact_s": 0.005},
+        people=4,
+        masses=(0.4, 0.7, 1.2),
+        velocity=(1.5, 1.1, 0.8),
+        seed=3,
     )
     specification = read_specification(shared("models", "impact.toml"))
     fewer = {"sampler": Sampler(chains=2, draws=500)}

@@ -30,6 +30,10 @@ from bayestissue.studies.bench.order import order_of
 from bayestissue.studies.bench.watching import TAKEN_BACK, Watch
 
 MASSES = [round(0.5 + 0.1 * n, 1) for n in range(12)]
+NAMES = [f"d{number}" for number in range(1, 13)]
+# No recording yet.
+BEGUN = "time_s,value\n0.0,1\n"
+UNORDERED = TOWER.replace('order = "order.csv"\n', "")
 
 
 class NoStudy:
@@ -43,7 +47,7 @@ class NoStudy:
 
 
 class Bench:
-    """A folder of recordings and the watch of it; every recording is sound unless it is in ``spoilt``."""
+    """A folder of recordings and a watch of it; every recording is sound unless it is in ``spoilt``."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.recorded, self.out = folder, folder / "recorded", folder / "set"
@@ -51,6 +55,7 @@ class Bench:
         self.spoilt: set[str] = set()
         self.campaign(TOWER)
         self.order(MASSES)
+        self._watch: Watch | None = None
 
     def campaign(self, text: str) -> None:
         (self.folder / "campaign.toml").write_text(text)
@@ -59,28 +64,65 @@ class Bench:
         table = pd.DataFrame({"mass_kg": masses})
         (table if files is None else table.assign(file=files)).to_csv(self.folder / "order.csv", index=False)
 
-    def record(self, name: str, value: float | None = None, at_s: float | None = None) -> None:
-        """A recording, another for each name unless ``value`` says which, written at a time."""
-        value = float((sum(name.encode()) + 31 * len(name)) % 400) if value is None else value
-        rows = [f"{t / 1e4:.4f},{(600 + value) * np.sin(t / 60):.3f}" for t in range(60)]
-        (self.recorded / name).write_text("\n".join(["time_s,value", *rows, ""]))
+    def file(self, name: str) -> Path:
+        return self.recorded / f"{name}.csv"
+
+    def record(self, *names: str, value: float | None = None, at_s: float | None = None) -> None:
+        """Recordings, another for each name unless ``value`` says which, written at a time."""
+        for name in names:
+            of_name = float((sum(f"{name}.csv".encode()) + 31 * len(name) + 124) % 400)
+            height = 600 + (of_name if value is None else value)
+            rows = [f"{t / 1e4:.4f},{height * np.sin(t / 60):.3f}" for t in range(60)]
+            self.write(name, "\n".join(["time_s,value", *rows, ""]), at_s)
+
+    def write(self, name: str, text: str = BEGUN, at_s: float | None = None) -> None:
+        self.file(name).write_text(text)
         if at_s is not None:
-            os.utime(self.recorded / name, (at_s, at_s))
+            os.utime(self.file(name), (at_s, at_s))
+
+    def rename(self, *names: tuple[str, str]) -> None:
+        for old, new in names:
+            self.file(old).rename(self.file(new))
 
     def begin(self, plan: Path | None = None) -> Watch:
+        """A watch, which is the one that goes on from here."""
         campaign = read_campaign(self.folder / "campaign.toml")
-        return Watch(
-            self.recorded, campaign, Drops(self.out, campaign), order_of(campaign, plan), lambda _: None
-        )
+        drops, order = Drops(self.out, campaign), order_of(campaign, plan)
+        self._watch = Watch(self.recorded, campaign, drops, order, lambda _: None)
+        return self._watch
+
+    @property
+    def watch(self) -> Watch:
+        return self._watch or self.begin()
+
+    def catch_up(self) -> None:
+        self.watch.catch_up(0)
+
+    def take(self, *names: str, value: float | None = None) -> None:
+        """Record them, each seen before the next."""
+        for name in names:
+            self.record(name, value=value)
+            self.catch_up()
+
+    def refuses(self, words: str) -> None:
+        with pytest.raises(InputError, match=words):
+            self.catch_up()
+
+    def leave_out(self, *rows: str) -> None:
+        (self.out / "left_out.csv").write_text("\n".join(["impact,reason", *rows, ""]))
+
+    @property
+    def said(self) -> str:
+        return "\n".join(line.text for line in self.watch.lines)
 
     @property
     def masses(self) -> dict[str, float]:
         table = pd.read_csv(self.out / "impacts.csv")
         return dict(zip(table["impact"], table["mass_kg"], strict=True))
 
-    def in_order(self, *names: str) -> dict[str, float]:
-        """The masses of drops that took the rows one after the other."""
-        return dict(zip(names, MASSES, strict=False))
+    def took(self, *names: str) -> None:
+        """These drops took the rows of the order one after the other."""
+        assert self.masses == dict(zip(names, MASSES, strict=False))
 
 
 @pytest.fixture
@@ -109,138 +151,111 @@ def checked_row(*args: Any) -> Dataset:
     return replace(drops_module.dataset_of(*args), warnings=())
 
 
-def said(watch: Watch) -> str:
-    return "\n".join(line.text for line in watch.lines)
-
-
 def test_a_file_that_is_taken_twice_keeps_its_row(bench: Bench) -> None:
-    watch = bench.begin()
-    for name in ("d1.csv", "d2.csv", "d3.csv"):
-        bench.record(name)
-        watch.catch_up(0)
-    bench.record("d2.csv", 77.0)
-    watch.catch_up(0)
-    assert "overwritten, taken anew: d2" in said(watch)
-    watch = bench.begin()
+    bench.take("d1", "d2", "d3")
+    bench.take("d2", value=77.0)
+    assert "overwritten, taken anew: d2" in bench.said
+    bench.begin()
     # In two pieces: the first is no recording, the second is whole.
-    (bench.recorded / "d4.csv").write_text("time_s,value\n0.0,1\n")
-    watch.catch_up(0)
-    assert watch.drops.of_file("d4.csv") is None
-    bench.record("d4.csv")
-    watch.catch_up(0)
-    bench.record("d1.csv", 78.0)
-    bench.record("d5.csv")
-    watch.catch_up(0)
-    assert bench.masses == bench.in_order("d1", "d2", "d3", "d4", "d5")
+    bench.write("d4")
+    bench.catch_up()
+    assert bench.watch.drops.of_file("d4.csv") is None
+    bench.take("d4")
+    bench.record("d1", value=78.0)
+    bench.take("d5")
+    bench.took(*NAMES[:5])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["spoilt", "unreadable", "taken back", "velocity"])
 @pytest.mark.parametrize("restart", [False, True])
 def test_the_repeat_of_a_drop_gets_its_row(bench: Bench, how: str, restart: bool) -> None:
-    watch = bench.begin()
-    for number in range(1, 6):
-        bench.record(f"d{number}.csv")
-        watch.catch_up(0)
-    bench.record("d6.csv")
-    if how == "spoilt":
-        bench.spoilt.add("d6")
+    bench.take(*NAMES[:5])
+    bench.spoilt = {"d6"} if how == "spoilt" else set()
+    bench.record("d6")
     if how == "unreadable":
-        (bench.recorded / "d6.csv").write_text("nothing of the kind")
-    watch.catch_up(0)
+        bench.write("d6", "nothing of the kind")
+    bench.catch_up()
     if how == "taken back":
-        watch.take_back()
+        bench.watch.take_back()
     if how == "velocity":
-        watch.drops.named("d6").kind = "again"
-        watch.drops.write()
-    assert watch.left()[0] == {"mass_kg": MASSES[5]}
-    watch = bench.begin() if restart else watch
-    for name in ("d7.csv", "d8.csv"):
-        bench.record(name)
-        watch.catch_up(0)
-    of_drop = bench.masses
-    assert (of_drop["d7"], of_drop["d8"]) == (MASSES[5], MASSES[6])
-    assert len(watch.left()) == 5
+        bench.watch.drops.named("d6").kind = "again"
+        bench.watch.drops.write()
+    assert bench.watch.left()[0] == {"mass_kg": MASSES[5]}
+    if restart:
+        bench.begin()
+    bench.take("d7", "d8")
+    assert (bench.masses["d7"], bench.masses["d8"]) == (MASSES[5], MASSES[6])
+    assert len(bench.watch.left()) == 5
 
 
 @pytest.mark.slow
 def test_files_that_lie_there_already_have_rows_of_their_own_whatever_becomes_of_one(bench: Bench) -> None:
-    names = [f"d{number}" for number in range(1, 13)]
-    for name in names:
-        bench.record(f"{name}.csv", at_s=1e9)
+    bench.record(*NAMES, at_s=1e9)
     # A copy is no drop.
-    shutil.copy(bench.recorded / "d5.csv", bench.recorded / "a copy of d5.csv")
-    os.utime(bench.recorded / "a copy of d5.csv", (1e9 + 1, 1e9 + 1))
-    (bench.recorded / "d3.csv").write_bytes(b"")
-    os.utime(bench.recorded / "d3.csv", (1e9, 1e9))
+    shutil.copy(bench.file("d5"), bench.file("a copy of d5"))
+    os.utime(bench.file("a copy of d5"), (1e9 + 1, 1e9 + 1))
+    bench.write("d3", "", at_s=1e9)
     bench.spoilt.add("d6")
     # Nor is the order.
     shutil.copy(bench.folder / "order.csv", bench.recorded)
     bench.campaign(TOWER.replace("order.csv", "recorded/order.csv"))
-    watch = bench.begin()
-    watch.catch_up(0)
-    assert "order.csv" not in said(watch)
-    bench.record("d3.csv")
+    bench.catch_up()
+    assert "order.csv" not in bench.said
+    bench.record("d3")
     # A watch that is killed in the middle of them goes on as it would have.
-    bench.begin().catch_up(0)
-    assert bench.masses == bench.in_order(*names)
+    bench.begin()
+    bench.catch_up()
+    bench.took(*NAMES)
 
 
 def test_files_that_come_one_look_after_the_other_have_rows_of_their_own(bench: Bench) -> None:
-    watch = bench.begin()
-    names = [f"d{number}" for number in range(1, 8)]
-    for name in names:
-        bench.record(f"{name}.csv")
+    for name in NAMES[:7]:
+        bench.record(name)
         if name == "d4":
-            (bench.recorded / "d4.csv").write_bytes(b"")
-        watch.look()
-    assert watch.left()[0] == {"mass_kg": MASSES[7]}
-    watch.catch_up(0)
-    bench.record("d4.csv")
-    bench.begin().catch_up(0)
-    assert bench.masses == bench.in_order(*names)
+            bench.write(name, "")
+        bench.watch.look()
+    assert bench.watch.left()[0] == {"mass_kg": MASSES[7]}
+    bench.catch_up()
+    bench.record("d4")
+    bench.begin()
+    bench.catch_up()
+    bench.took(*NAMES[:7])
 
 
 @pytest.mark.slow
 def test_where_times_and_names_disagree_a_person_says_which_hold(bench: Bench) -> None:
-    names = [f"d{number}" for number in range(1, 13)]
-    for number, name in enumerate(names):
-        bench.record(f"{name}.csv", at_s=1e9 - number)
-    watch = bench.begin()
-    with pytest.raises(InputError) as error:
-        watch.catch_up(0)
-    assert "d12.csv, d11.csv" in str(error.value)
-    assert "d1.csv, d2.csv" in str(error.value)
-    assert not watch.drops.drops
+    for number, name in enumerate(NAMES):
+        bench.record(name, at_s=1e9 - number)
+    bench.refuses(r"(?s)(?=.*d12\.csv, d11\.csv).*d1\.csv, d2\.csv")
+    assert not bench.watch.drops.drops
     bench.campaign('files_by = "times"\n' + TOWER)
-    bench.begin().catch_up(0)
-    assert bench.masses == bench.in_order(*reversed(names))
+    bench.begin()
+    bench.catch_up()
+    bench.took(*reversed(NAMES))
     # Or the order says it of each.
     bench.campaign(TOWER)
     bench.out = bench.folder / "other"
-    bench.order(MASSES, [*names[6:], *names[:6]])
-    bench.begin().catch_up(0)
-    assert bench.masses == bench.in_order(*names[6:], *names[:6])
+    bench.order(MASSES, [*NAMES[6:], *NAMES[:6]])
+    bench.begin()
+    bench.catch_up()
+    bench.took(*NAMES[6:], *NAMES[:6])
 
 
 def test_more_files_than_rows_and_one_that_comes_late_are_refused(bench: Bench) -> None:
     bench.order(MASSES[:2])
-    for number in range(1, 4):
-        bench.record(f"d{number}.csv", at_s=1e9)
-    with pytest.raises(InputError, match="a row of the order for each"):
-        bench.begin().catch_up(0)
-    (bench.recorded / "d1.csv").unlink()
-    watch = bench.begin()
-    (bench.recorded / "d3.csv").unlink()
-    watch.catch_up(0)
-    bench.record("d1.csv", at_s=1e9)
-    with pytest.raises(InputError, match=r"d1\.csv after d2\.csv"):
-        watch.catch_up(0)
+    bench.record("d1", "d2", "d3", at_s=1e9)
+    bench.refuses("a row of the order for each")
+    bench.file("d1").unlink()
+    bench.begin()
+    bench.file("d3").unlink()
+    bench.catch_up()
+    bench.record("d1", at_s=1e9)
+    bench.refuses(r"d1\.csv after d2\.csv")
 
 
 def test_rows_of_drops_that_were_taken_stay_as_they_were(bench: Bench) -> None:
-    bench.record("d1.csv")
-    bench.begin().catch_up(0)
+    bench.take("d1")
     bench.order([0.7, *MASSES[1:]])
     with pytest.raises(InputError, match=r"0\.7.*0\.5"):
         bench.begin()
@@ -248,221 +263,178 @@ def test_rows_of_drops_that_were_taken_stay_as_they_were(bench: Bench) -> None:
     bench.begin()
 
 
-def by_names(bench: Bench) -> None:
-    bench.campaign(TOWER.replace('order = "order.csv"', 'pattern = "{n}_{mass_kg}kg"'))
-
-
 def test_files_that_are_renamed_take_the_facts_of_their_new_names(bench: Bench) -> None:
-    by_names(bench)
-    for name, value in (("1_0.5kg.csv", 50.0), ("2_1.2kg.csv", 60.0), ("3_0.9kg.csv", 70.0)):
-        bench.record(name, value, at_s=1e9)
-    watch = bench.begin()
-    watch.catch_up(0)
-    watch.decide("2_1.2kg", "hit the frame")
-    recordings = {drop.impact: drop.sha256 for drop in watch.drops}
-    for old, new in (
-        ("1_0.5kg", "spare"),
-        ("2_1.2kg", "1_0.5kg"),
-        ("spare", "2_1.2kg"),
-        ("3_0.9kg", "3_2kg"),
-    ):
-        (bench.recorded / f"{old}.csv").rename(bench.recorded / f"{new}.csv")
-    watch.catch_up(0)
-    now = {drop.impact: drop.sha256 for drop in watch.drops}
-    assert now["1_0.5kg"] == recordings["2_1.2kg"]
-    assert now["2_1.2kg"] == recordings["1_0.5kg"]
-    assert now["3_2kg"] == recordings["3_0.9kg"]
+    bench.campaign(TOWER.replace('order = "order.csv"', 'pattern = "{n}_{mass_kg}kg"'))
+    for name, value in (("1_0.5kg", 50.0), ("2_1.2kg", 60.0), ("3_0.9kg", 70.0)):
+        bench.record(name, value=value, at_s=1e9)
+    bench.catch_up()
+    bench.watch.decide("2_1.2kg", "hit the frame")
+    before = {drop.impact: drop.sha256 for drop in bench.watch.drops}
+    bench.rename(("1_0.5kg", "spare"), ("2_1.2kg", "1_0.5kg"), ("spare", "2_1.2kg"), ("3_0.9kg", "3_2kg"))
+    bench.catch_up()
+    now = {drop.impact: drop.sha256 for drop in bench.watch.drops}
+    renamed = {"1_0.5kg": "2_1.2kg", "2_1.2kg": "1_0.5kg", "3_2kg": "3_0.9kg"}
+    assert now == {name: before[old] for name, old in renamed.items()}
     assert bench.masses == {"1_0.5kg": 0.5, "2_1.2kg": 1.2, "3_2kg": 2.0}
     assert reasons(bench.out) == {"1_0.5kg": "hit the frame"}
     assert {p.name for p in (bench.out / "recordings").glob("*.csv")} == {f"{name}.csv" for name in now}
-    bench.record("copy_1kg.csv", 50.0)
-    watch.catch_up(0)
-    assert "copy_1kg.csv: the same recording as 2_1.2kg.csv; not taken twice" in said(watch)
+    bench.take("copy_1kg", value=50.0)
+    assert "copy_1kg.csv: the same recording as 2_1.2kg.csv; not taken twice" in bench.said
 
 
 @pytest.mark.parametrize("how", ["cut", "left out", "deleted", "half written"])
 @pytest.mark.parametrize("restart", [False, True])
 def test_a_file_that_changes_beside_a_new_one_holds_its_row(bench: Bench, how: str, restart: bool) -> None:
-    watch = bench.begin()
-    bench.record("d1.csv", at_s=1e9)
-    bench.record("d2.csv", 20.0, at_s=1e9 + 1)
+    bench.record("d1", at_s=1e9)
+    bench.record("d2", value=20.0, at_s=1e9 + 1)
     if how in ("cut", "half written"):
-        (bench.recorded / "d2.csv").write_text("time_s,value\n0.0,1\n")
-        os.utime(bench.recorded / "d2.csv", (1e9 + 1, 1e9 + 1))
+        bench.write("d2", at_s=1e9 + 1)
     if how == "deleted":
         bench.spoilt.add("d2")
-    watch.catch_up(0)
+    bench.catch_up()
     if how == "left out":
-        (bench.out / "left_out.csv").write_text("impact,reason\nd2,hit the frame\n")
+        bench.leave_out("d2,hit the frame")
     if how == "deleted":
-        (bench.recorded / "d2.csv").unlink()
-        watch.catch_up(0)
+        bench.file("d2").unlink()
+        bench.catch_up()
         bench.spoilt.clear()
-    watch = bench.begin() if restart else watch
+    if restart:
+        bench.begin()
     if how == "half written":
         # It is still written when 3 comes.
-        bench.record("d3.csv", at_s=1e9 + 3)
-        (bench.recorded / "d2.csv").write_text("time_s,value\n0.0,1\n0.1,2\n")
-        os.utime(bench.recorded / "d2.csv", (1e9 + 2, 1e9 + 2))
-        watch.look()
-    bench.record("d2.csv", 21.0, at_s=1e9 + 2)
-    for name in ("d3", "d4", "d5"):
-        bench.record(f"{name}.csv", at_s=1e9 + int(name[1]))
-    watch.catch_up(0)
-    assert bench.masses == bench.in_order("d1", "d2", "d3", "d4", "d5")
+        bench.record("d3", at_s=1e9 + 3)
+        bench.write("d2", BEGUN + "0.1,2\n", at_s=1e9 + 2)
+        bench.watch.look()
+    bench.record("d2", value=21.0, at_s=1e9 + 2)
+    for number in (3, 4, 5):
+        bench.record(f"d{number}", at_s=1e9 + number)
+    bench.catch_up()
+    bench.took(*NAMES[:5])
 
 
 def test_a_file_that_changes_after_its_row_was_filled_is_looked_at(bench: Bench) -> None:
-    watch = bench.begin()
-    bench.record("d1.csv")
-    (bench.recorded / "d2.csv").write_text("time_s,value\n0.0,1\n")
-    watch.catch_up(0)
-    bench.record("d3.csv")
-    watch.catch_up(0)
-    assert bench.masses == {"d1": 0.5, "d3": 0.6}
-    bench.record("d4.csv")
-    bench.record("d2.csv", 21.0)
-    for begun in (lambda: watch, bench.begin):
-        with pytest.raises(InputError, match=r"d2\.csv.*the row of d3\.csv"):
-            begun().catch_up(0)
-    assert watch.last[1].kind == "look"
-    assert bench.masses == {"d1": 0.5, "d3": 0.6}
+    bench.record("d1")
+    bench.write("d2")
+    bench.catch_up()
+    bench.take("d3")
+    bench.took("d1", "d3")
+    bench.record("d4")
+    bench.record("d2", value=21.0)
+    first = bench.watch
+    for _ in range(2):
+        bench.refuses(r"d2\.csv.*the row of d3\.csv")
+        bench.begin()
+    assert first.last[1].kind == "look"
+    bench.took("d1", "d3")
     # A person says which is right.
-    (bench.recorded / "d2.csv").rename(bench.recorded / "d5.csv")
-    watch.catch_up(0)
-    assert bench.masses == {"d1": 0.5, "d3": 0.6} | {"d4": 0.7, "d5": 0.8}
+    bench.rename(("d2", "d5"))
+    first.catch_up(0)
+    bench.took("d1", "d3", "d4", "d5")
 
 
 def test_two_drops_in_use_share_no_row_by_a_decision(bench: Bench) -> None:
-    watch = bench.begin()
-    for number in range(1, 4):
-        bench.record(f"d{number}.csv")
-        watch.catch_up(0)
-        if number == 2:
-            watch.decide("d2", "hit the frame")
+    bench.take("d1", "d2")
+    bench.watch.decide("d2", "hit the frame")
+    bench.take("d3")
     assert bench.masses == {"d1": 0.5, "d2": 0.6, "d3": 0.6}
     with pytest.raises(InputError, match=r"d2\.csv.*the row of d3\.csv"):
-        watch.decide("d2", "")
-    (bench.out / "left_out.csv").write_text("impact,reason\n")
-    bench.record("d4.csv")
-    with pytest.raises(InputError, match="d2 and d3"):
-        watch.catch_up(0)
-    watch.decide("d3", "a second one")
-    watch.catch_up(0)
+        bench.watch.decide("d2", "")
+    bench.leave_out()
+    bench.record("d4")
+    bench.refuses("d2 and d3")
+    bench.watch.decide("d3", "a second one")
+    bench.catch_up()
     assert bench.masses == {"d1": 0.5, "d2": 0.6, "d3": 0.6, "d4": 0.7}
 
 
 def test_a_drop_that_is_overwritten_by_what_cannot_be_read_is_left_out_until_it_is_back(bench: Bench) -> None:
-    watch = bench.begin()
-    bench.record("d1.csv")
-    watch.catch_up(0)
-    whole = (bench.recorded / "d1.csv").read_bytes()
-    (bench.recorded / "d1.csv").write_text("time_s,value\n0.0,1\n")
-    watch.catch_up(0)
+    bench.take("d1")
+    whole = bench.file("d1").read_text()
+    bench.write("d1")
+    bench.catch_up()
     assert reasons(bench.out) == {"d1": drops_module.UNREADABLE}
-    assert watch.left()[0] == {"mass_kg": 0.5}
-    watch = bench.begin()
-    (bench.recorded / "d1.csv").write_bytes(whole)
-    watch.catch_up(0)
-    assert (reasons(bench.out), watch.left()[0]) == ({}, {"mass_kg": 0.6})
+    assert bench.watch.left()[0] == {"mass_kg": 0.5}
+    bench.begin()
+    bench.write("d1", whole)
+    bench.catch_up()
+    assert (reasons(bench.out), bench.watch.left()[0]) == ({}, {"mass_kg": 0.6})
     # Or until a person uses it all the same.
-    (bench.recorded / "d1.csv").write_text("time_s,value\n0.0,1\n")
-    watch.catch_up(0)
-    watch.decide("d1", "")
-    bench.record("d1.csv", 55.0)
-    bench.record("d2.csv")
-    watch.catch_up(0)
-    assert (bench.masses, reasons(bench.out)) == (bench.in_order("d1", "d2"), {})
+    bench.write("d1")
+    bench.catch_up()
+    bench.watch.decide("d1", "")
+    bench.record("d1", value=55.0)
+    bench.take("d2")
+    assert reasons(bench.out) == {}
+    bench.took("d1", "d2")
 
 
 def test_names_that_were_swapped_within_an_order_are_looked_at(bench: Bench) -> None:
-    watch = bench.begin()
-    for name in ("d1", "d2"):
-        bench.record(f"{name}.csv")
-        watch.catch_up(0)
+    bench.take("d1", "d2")
     swap = (("d1", "spare"), ("d2", "d1"), ("spare", "d2"))
-    for old, new in swap:
-        (bench.recorded / f"{old}.csv").rename(bench.recorded / f"{new}.csv")
-    with pytest.raises(InputError, match=r"d[12]\.csv.*d[12]\.csv"):
-        watch.catch_up(0)
-    for old, new in swap:
-        (bench.recorded / f"{old}.csv").rename(bench.recorded / f"{new}.csv")
-    watch.catch_up(0)
-    assert bench.masses == bench.in_order("d1", "d2")
+    bench.rename(*swap)
+    bench.refuses(r"d[12]\.csv.*d[12]\.csv")
+    bench.rename(*swap)
+    bench.catch_up()
+    bench.took("d1", "d2")
     # Nor is what has the former name of a renamed drop another drop for sure.
-    (bench.recorded / "d2.csv").rename(bench.recorded / "d7.csv")
-    bench.record("d2.csv", 33.0)
-    with pytest.raises(InputError, match=r"d2\.csv.*d7\.csv"):
-        watch.catch_up(0)
+    bench.rename(("d2", "d7"))
+    bench.record("d2", value=33.0)
+    bench.refuses(r"d2\.csv.*d7\.csv")
 
 
 def test_a_name_unlike_the_others_takes_no_row_that_another_may_have(bench: Bench) -> None:
-    bench.record("a note.csv", at_s=1e9)
-    for number in range(1, 4):
-        bench.record(f"d{number}.csv", at_s=1e9 + number)
-    with pytest.raises(InputError, match=r"a note\.csv.*alike but for their numbers"):
-        bench.begin().catch_up(0)
-    (bench.recorded / "a note.csv").unlink()
-    bench.begin().catch_up(0)
-    assert bench.masses == bench.in_order("d1", "d2", "d3")
+    for number, name in enumerate(("a note", "d1", "d2", "d3")):
+        bench.record(name, at_s=1e9 + number)
+    bench.refuses(r"a note\.csv.*alike but for their numbers")
+    bench.file("a note").unlink()
+    bench.begin()
+    bench.catch_up()
+    bench.took("d1", "d2", "d3")
 
 
 def test_a_file_that_is_renamed_before_it_was_judged_is_looked_at(bench: Bench) -> None:
-    (bench.recorded / "d1.csv").write_text("time_s,value\n0.0,1\n")
-    (bench.recorded / "d2.csv").write_bytes(b"")
-    watch = bench.begin()
-    watch.catch_up(0)
-    (bench.recorded / "d2.csv").unlink()
-    bench.record("d3.csv")
-    with pytest.raises(InputError, match=r"d3\.csv.*d2\.csv, which had a row"):
-        watch.catch_up(0)
-    whole = (bench.recorded / "d3.csv").read_bytes()
-    (bench.recorded / "d3.csv").unlink()
-    watch.catch_up(0)
-    (bench.recorded / "d3.csv").write_bytes(whole)
-    watch.catch_up(0)
-    assert bench.masses == {"d3": 0.5}
+    bench.write("d1")
+    bench.write("d2", "")
+    bench.catch_up()
+    bench.file("d2").unlink()
+    bench.record("d3")
+    bench.refuses(r"d3\.csv.*d2\.csv, which had a row")
+    whole = bench.file("d3").read_text()
+    bench.file("d3").unlink()
+    bench.catch_up()
+    bench.write("d3", whole)
+    bench.catch_up()
+    bench.took("d3")
 
 
 def test_a_file_that_is_gone_is_in_nobodys_way_where_the_order_names_files(bench: Bench) -> None:
     bench.order(MASSES[:3], ["d1", "d2", "d3"])
-    (bench.recorded / "d1.csv").write_bytes(b"")
-    watch = bench.begin()
-    watch.catch_up(0)
-    (bench.recorded / "d1.csv").unlink()
-    bench.record("d3.csv")
-    watch.catch_up(0)
+    bench.write("d1", "")
+    bench.catch_up()
+    bench.file("d1").unlink()
+    bench.take("d3")
     assert bench.masses == {"d3": 0.7}
 
 
 def test_a_decision_on_the_page_follows_what_was_written_by_hand_before(bench: Bench) -> None:
-    bench.record("d1.csv")
-    watch = bench.begin()
-    watch.catch_up(0)
-    (bench.out / "left_out.csv").write_text("impact,reason\nd1,hit the frame\n")
-    watch.decide("d1", "")
-    watch.catch_up(0)
+    bench.take("d1")
+    bench.leave_out("d1,hit the frame")
+    bench.watch.decide("d1", "")
+    bench.catch_up()
     assert reasons(bench.out) == {}
 
 
 def test_a_file_renamed_within_an_order_keeps_its_row(bench: Bench) -> None:
-    watch = bench.begin()
-    for name in ("d1.csv", "d2.csv"):
-        bench.record(name)
-        watch.catch_up(0)
-    (bench.recorded / "d1.csv").rename(bench.recorded / "first.csv")
-    bench.record("d3.csv")
-    watch.catch_up(0)
-    assert bench.masses == bench.in_order("first", "d2", "d3")
+    bench.take("d1", "d2")
+    bench.rename(("d1", "first"))
+    bench.take("d3")
+    bench.took("first", "d2", "d3")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("running", [True, False])
 def test_what_a_person_writes_into_the_tables_is_kept(bench: Bench, running: bool) -> None:
-    watch = bench.begin()
-    for number in range(1, 5):
-        bench.record(f"d{number}.csv")
-        watch.catch_up(0)
+    bench.take(*NAMES[:4])
     table = pd.read_csv(bench.out / "impacts.csv", dtype=str).assign(cover="foam")
     table.loc[1, "mass_kg"], table.loc[2, "impact"] = "2.5", "third"
     table = pd.concat(
@@ -470,74 +442,60 @@ def test_what_a_person_writes_into_the_tables_is_kept(bench: Bench, running: boo
     )
     # As a spreadsheet of another country has it.
     table.to_csv(bench.out / "impacts.csv", index=False, sep=";", decimal=",")
-    (bench.out / "left_out.csv").write_text("impact,reason\nd1,slipped\nnobody,not there yet\n")
-    watch = watch if running else bench.begin()
-    bench.record("d5.csv")
-    watch.catch_up(0)
-    bench.record("d2.csv", 99.0)
-    watch.catch_up(0)
+    bench.leave_out("d1,slipped", "nobody,not there yet")
+    if not running:
+        bench.begin()
+    bench.take("d5")
+    bench.take("d2", value=99.0)
+    said = bench.said
     bench.begin()
     after = pd.read_csv(bench.out / "impacts.csv", dtype=str, keep_default_na=False).set_index("impact")
     assert list(after.index) == ["d1", "d2", "third", "d4", "d5", "by hand"]
     assert list(after["mass_kg"].astype(float)) == [0.5, 2.5, 0.7, 0.8, 0.5, 0.5]
     assert list(after["cover"]) == ["foam", "foam", "foam", "", "", "foam"]
-    assert reasons(bench.out) == {
-        "d1": "slipped",
-        "d4": drops_module.BY_HAND,
-        "nobody": "not there yet",
-    }
-    assert "d2: impacts.csv says mass_kg 2.5 (0.6 before)" in said(watch)
-    assert "left_out.csv: nobody is no impact; its row stays" in said(watch)
+    assert reasons(bench.out) == {"d1": "slipped", "d4": drops_module.BY_HAND, "nobody": "not there yet"}
+    assert "d2: impacts.csv says mass_kg 2.5 (0.6 before)" in said
+    assert "left_out.csv: nobody is no impact; its row stays" in said
     # And taken back by hand.
-    (bench.out / "left_out.csv").write_text("impact,reason\n")
-    watch = bench.begin()
-    assert len(watch.drops.used) == 5
+    bench.leave_out()
+    assert len(bench.begin().drops.used) == 5
 
 
 def test_a_table_that_cannot_be_used_waits_and_is_not_overwritten(bench: Bench) -> None:
-    watch = bench.begin()
-    bench.record("d1.csv")
-    watch.catch_up(0)
-    good = (bench.out / "impacts.csv").read_text()
+    bench.take("d1")
+    watch, good = bench.watch, (bench.out / "impacts.csv").read_text()
     for name, text in (
         ("impacts.csv", good.replace("0.5", "half")),
         ("left_out.csv", "impact,reason\nd1,\n"),
     ):
         (bench.out / name).write_text(text)
-        bench.record(f"d{name}.csv")
-        with pytest.raises(InputError):
-            watch.catch_up(0)
-        with pytest.raises(InputError):
-            bench.begin()
+        bench.record(f"d{name}")
+        for begun in (lambda: watch.catch_up(0), bench.begin):
+            with pytest.raises(InputError):
+                begun()
         assert (bench.out / name).read_text() == text
         (bench.out / name).write_text(good) if name == "impacts.csv" else (bench.out / name).unlink()
         watch.catch_up(0)
-        assert f"d{name}" in bench.masses, said(watch)
+        assert f"d{name}" in bench.masses
 
 
 def test_facts_of_the_page_and_names_with_a_space_survive(bench: Bench) -> None:
-    bench.campaign(TOWER.replace('order = "order.csv"\n', ""))
-    watch = bench.begin()
-    watch.choose({"mass_kg": "0.9"})
+    bench.campaign(UNORDERED)
+    bench.watch.choose({"mass_kg": "0.9"})
     bench.spoilt.add("d1")
-    bench.record(" d1.csv")
-    watch.catch_up(0)
-    watch.decide("d1", TAKEN_BACK)
-    watch = bench.begin()
-    assert [drop.left_out for drop in watch.drops] == [TAKEN_BACK]
-    bench.record("d2.csv")
-    watch.catch_up(0)
+    bench.take(" d1")
+    bench.watch.decide("d1", TAKEN_BACK)
+    assert [drop.left_out for drop in bench.begin().drops] == [TAKEN_BACK]
+    bench.take("d2")
     assert bench.masses == {"d1": 0.9, "d2": 0.9}
-    watch.choose({"mass_kg": "1.4"})
-    bench.record("d2.csv", 3.0)
-    watch.catch_up(0)
+    bench.watch.choose({"mass_kg": "1.4"})
+    bench.take("d2", value=3.0)
     assert bench.masses["d2"] == 0.9
-    assert "d2: keeps mass_kg 0.9 of its row; the page says mass_kg 1.4 of new files" in said(watch)
+    assert "d2: keeps mass_kg 0.9 of its row; the page says mass_kg 1.4 of new files" in bench.said
 
 
 def test_settings_that_were_written_by_hand_are_refused_with_both_values(bench: Bench) -> None:
-    bench.record("d1.csv")
-    bench.begin().catch_up(0)
+    bench.take("d1")
     with (bench.out / "dataset.toml").open("a") as file:
         file.write("[uncertainty]\nvelocity_sd_m_s = 0.02\n")
     with pytest.raises(InputError) as error:
@@ -553,30 +511,21 @@ def test_a_measured_velocity_counts_more_than_a_planned_one(bench: Bench) -> Non
     plan |= {"questions": {"q": "mass_exponent_K < 1"}}
     text = json.dumps({"plan": {"name": "p", **plan}, "chosen": 1})
     (bench.folder / "plan.json").write_text(text)
-    bench.campaign(TOWER.replace('order = "order.csv"\n', ""))
-    bench.record("d1.csv")
+    bench.campaign(UNORDERED)
     watch = bench.begin(bench.folder)
-    watch.catch_up(0)
+    bench.take("d1")
     assert watch.drops.drops[0].cells["velocity_m_s"] == 1.5
     assert watch.drops.drops[0].cells["mass_kg"] == 0.5
     assert [row["mass_kg"] for row in watch.left()] == [1.2, 0.5, 1.2]
-    bench.campaign(TOWER.replace('order = "order.csv"\n', "") + "mass_kg = 0.6\n")
+    bench.campaign(UNORDERED + "mass_kg = 0.6\n")
     with pytest.raises(InputError, match=r"0\.6.*0\.5"):
         bench.begin(bench.folder)
     # Whatever else stands in its place, or a part of it.
-    bench.campaign(TOWER.replace('order = "order.csv"\n', ""))
-    for wrong in (
-        "[]",
-        "3",
-        '{"plan": [], "chosen": 1}',
-        text.replace('"chosen": 1', '"chosen": 0'),
-        "[" * 9900,
-    ):
+    bench.campaign(UNORDERED)
+    unchosen = text.replace('"chosen": 1', '"chosen": 0')
+    parts = (text[:end] for end in range(0, len(text), 7))
+    for wrong in ("[]", "3", '{"plan": [], "chosen": 1}', unchosen, "[" * 9900, *parts):
         (bench.folder / "plan.json").write_text(wrong)
-        with pytest.raises(InputError):
-            bench.begin(bench.folder)
-    for end in range(0, len(text), 7):
-        (bench.folder / "plan.json").write_text(text[:end])
         with pytest.raises(InputError):
             bench.begin(bench.folder)
 
@@ -589,10 +538,8 @@ def test_a_full_disk_ends_after_some_tries_and_nothing_is_lost(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    bench.record("d1.csv")
-    watch = bench.begin()
-    watch.catch_up(0)
-    bench.record("d2.csv")
+    bench.take("d1")
+    bench.record("d2")
     bench.spoilt.add("d2")
     owner, name = {
         "copyfile": (watching.shutil, "copyfile"),
@@ -602,36 +549,32 @@ def test_a_full_disk_ends_after_some_tries_and_nothing_is_lost(
     with monkeypatch.context() as patch:
         patch.setattr(owner, name, full)
         with pytest.raises(OSError, match="No space left"):
-            watch.catch_up(0)
-        assert said(watch).count("trying again") == 1
-    for begun in (lambda: watch, bench.begin):
+            bench.catch_up()
+        assert bench.said.count("trying again") == 1
+    for begun in (lambda: bench.watch, bench.begin):
         begun().catch_up(0)
-        assert bench.masses == bench.in_order("d1", "d2")
+        bench.took("d1", "d2")
         assert list(reasons(bench.out)) == ["d2"]
 
 
 @pytest.mark.slow
 def test_a_list_that_is_damaged_is_made_anew_from_the_tables(bench: Bench) -> None:
-    watch = bench.begin()
-    for number in range(1, 4):
-        bench.record(f"d{number}.csv")
-        watch.catch_up(0)
-    watch.decide("d2", "hit the frame")
+    bench.take("d1", "d2", "d3")
+    bench.watch.decide("d2", "hit the frame")
     whole = (bench.out / LIST).read_bytes()
     tables = {name: (bench.out / name).read_bytes() for name in ("impacts.csv", "left_out.csv")}
     cuts = [whole[:end] for end in range(0, len(whole), len(whole) // 12)]
     for damaged in (*cuts, b"[]", b'{"drops": 3}', b'{"drops": [{}]}', b"\xff", b"[" * 9900):
         (bench.out / LIST).write_bytes(damaged)
-        watch = bench.begin()
-        watch.catch_up(0)
-        assert "watch.json was damaged" in said(watch)
+        bench.begin()
+        bench.catch_up()
+        assert "watch.json was damaged" in bench.said
         assert {name: (bench.out / name).read_bytes() for name in tables} == tables
-        assert [drop.file for drop in watch.drops] == ["d1.csv", "d2.csv", "d3.csv"]
+        assert [drop.file for drop in bench.watch.drops] == ["d1.csv", "d2.csv", "d3.csv"]
     # The row of d2 is still to be filled; it holds it if it changes.
-    bench.record("d2.csv", 44.0, at_s=1e9)
-    bench.record("d4.csv")
-    watch.catch_up(0)
-    assert bench.masses == bench.in_order("d1", "d2", "d3", "d4")
+    bench.record("d2", value=44.0, at_s=1e9)
+    bench.take("d4")
+    bench.took(*NAMES[:4])
 
 
 def test_campaigns_and_orders_that_are_cut_short_are_refused_or_read(bench: Bench) -> None:
@@ -645,12 +588,11 @@ def test_campaigns_and_orders_that_are_cut_short_are_refused_or_read(bench: Benc
 
 
 def test_a_name_that_is_no_text_is_refused_and_the_others_are_taken(bench: Bench) -> None:
-    bench.record("d1.csv")
+    bench.record("d1")
     try:
         (Path(os.fsdecode(os.fsencode(bench.recorded) + b"/d\xff2.csv"))).write_text("x")
     except OSError:
         pytest.skip("this file system has no such names")
-    watch = bench.begin()
-    watch.catch_up(0)
-    assert "d\\udcff2.csv: again: found d\\udcff2.csv; expected a file name in UTF-8" in said(watch)
-    assert bench.masses == bench.in_order("d1")
+    bench.catch_up()
+    assert "d\\udcff2.csv: again: found d\\udcff2.csv; expected a file name in UTF-8" in bench.said
+    bench.took("d1")

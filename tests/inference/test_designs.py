@@ -15,7 +15,7 @@ from bayestissue.model.hierarchy.population import population_design
 from bayestissue.model.hierarchy.priors import Priors
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.model.hierarchy.trace_data import prepare
-from bayestissue.studies.simulation import Simulation, simulate
+from campaigns import COLUMNS, simulated, spreads
 from designs import design_of
 
 FORMULA = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"
@@ -56,32 +56,26 @@ def test_dimensions_and_meanings_follow_the_columns() -> None:
     assert found["K_subject_side"].attrs["unit"] == "N/m"
 
 
+FACTORS = [
+    {"name": "side", "levels": ["left", "right"]},
+    {"name": "session", "levels": 3, "every": False},
+]
+
+
 @pytest.mark.long
 def test_a_fit_gives_back_what_a_campaign_was_made_with() -> None:
-    simulation = Simulation.model_validate(
+    made = simulated(
         {
-            "name": "designs",
-            "seed": 3,
-            "design": {
-                "subjects": 6,
-                "conditions": [
-                    {"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.8, 1.4)
-                ],
-                "factors": [
-                    {"name": "side", "levels": ["left", "right"]},
-                    {"name": "session", "levels": 3, "every": False},
-                ],
-            },
-            "tissue": {
-                **{"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2, "sd_subject_C": 0.2},
-                **{"sd_impact_K": 0.05, "sd_impact_C": 0.05},
-                "sd_group": {"subject:side": {"K": 0.2, "C": 0.2}, "session": {"K": 0.1, "C": 0.1}},
-                "sd_slope": {"log(mass_kg)|subject": {"K": 0.4, "C": 0.4}},
-            },
-            "recording": {"sampling_rate_hz": 2000.0, "noise_relative_to_peak": 0.005},
-        }
+            **spreads(subject=0.2, impact=0.05),
+            "sd_group": {"subject:side": {"K": 0.2, "C": 0.2}, "session": {"K": 0.1, "C": 0.1}},
+            "sd_slope": {"log(mass_kg)|subject": {"K": 0.4, "C": 0.4}},
+        },
+        {"sampling_rate_hz": 2000.0, "noise_relative_to_peak": 0.005},
+        people=6,
+        masses=(0.4, 0.8, 1.4),
+        design={"factors": FACTORS},
+        seed=3,
     )
-    made = simulate(simulation)
     model = ModelSpecification.model_validate(
         {
             **{"name": "designs", "likelihood": "impact", "discrepancy": "none"},
@@ -102,24 +96,25 @@ def test_a_fit_gives_back_what_a_campaign_was_made_with() -> None:
             low, high = np.quantile(quantities[f"sd_{name}_{q}"], [0.001, 0.999])
             assert low < sd < high, name
         values = np.log(found.impacts[q].reshape(-1, len(truth)))
-        column = truth["K_N_per_m" if q == "K" else "C_N_s_per_m"].to_numpy()
-        assert np.abs((values.mean(0) - np.log(column)) / values.std(0)).max() < 5
+        true = np.log(truth[COLUMNS[q]].to_numpy())
+        assert np.abs((values.mean(0) - true) / values.std(0)).max() < 5
 
 
 @pytest.mark.long
 def test_a_fit_gives_back_how_a_further_parameter_differs_between_people(tmp_path: Path) -> None:
     """From the formula of a model file to the posterior, the run folder and its predictions."""
-    people, depth = 6, "stiffening_depth_m"
-    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.8, 1.4)]
-    tissue = {"K_N_per_m": 2000.0, "C_N_s_per_m": 25.0, "element": "stiffening", "parameters": {depth: 0.02}}
-    spreads = {"sd_subject_K": 0.2, "sd_subject_C": 0.2, "sd_impact_K": 0.05, "sd_impact_C": 0.05}
-    spreads["sd_impact_parameters"] = 0.05
-    content = {
-        **{"name": "depths", "seed": 3, "design": {"subjects": people, "conditions": conditions}},
-        "tissue": {**tissue, **spreads, "sd_group": {"subject": {depth: 0.3}}},
-        "recording": {"sampling_rate_hz": 5000.0, "noise_relative_to_peak": 0.005},
-    }
-    made = simulate(Simulation.model_validate(content))
+    depth = "stiffening_depth_m"
+    made = simulated(
+        {
+            **{"K_N_per_m": 2000.0, "element": "stiffening", "parameters": {depth: 0.02}},
+            **spreads(subject=0.2, impact=0.05),
+            **{"sd_impact_parameters": 0.05, "sd_group": {"subject": {depth: 0.3}}},
+        },
+        {"sampling_rate_hz": 5000.0, "noise_relative_to_peak": 0.005},
+        people=6,
+        masses=(0.4, 0.8, 1.4),
+        seed=3,
+    )
     shared = "log(mass_kg) + (1|subject)"
     model = ModelSpecification.model_validate(
         {

@@ -11,7 +11,8 @@ from bayestissue.base.errors import InputError
 from bayestissue.studies.planning.plan_file import plan_of
 from bayestissue.studies.planning.planned_study import study_of
 from bayestissue.studies.planning.running import RunningPrior
-from bayestissue.studies.simulation import Simulation, simulate, write_campaign
+from bayestissue.studies.simulation import simulate, write_campaign
+from campaigns import spreads, study
 from command_line import bayestissue
 from stand_in_planner import kernel
 
@@ -28,17 +29,9 @@ CONTENT = {
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("begun")
-    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.5, 1.0)]
-    spreads = {f"sd_{group}_{q}": sd for group, sd in (("subject", 0.2), ("impact", 0.1)) for q in "KC"}
-    simulation = Simulation.model_validate(
-        {
-            "name": "running",
-            "seed": 4,
-            "design": {"subjects": 5, "conditions": conditions},
-            "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "mass_exponent_K": 0.3} | spreads,
-            "recording": {"noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005},
-        }
-    )
+    tissue = {"mass_exponent_K": 0.3, **spreads(subject=0.2, impact=0.1)}
+    recording = {"noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005}
+    simulation = study(tissue, recording, name="running", people=5, masses=(0.5, 1.0), seed=4)
     (folder / "drops").mkdir()
     write_campaign(folder / "drops", simulate(simulation), simulation)
     with (folder / "drops" / "dataset.toml").open("a", encoding="utf-8") as settings:
@@ -61,7 +54,7 @@ def test_people_and_conditions_go_on(begun: Path) -> None:
     assert rows["subject"].tolist() == ["new001", "new002", "new003"]
     # A mass that was recorded has its condition's name, and a new one a name of its own.
     assert [set(case.design.rows()["trial"]) for case in study.cases[::2]] == [
-        {"m0.5"}, {"m1.0"}, {"2 kg at 1.5 m/s"}
+        {"t0"}, {"t1"}, {"2 kg at 1.5 m/s"}
     ]  # fmt: skip
     assert study.cases[0].model.formula.K == FORMULA
 

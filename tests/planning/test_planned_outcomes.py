@@ -16,7 +16,7 @@ from bayestissue.studies.planning.assurance import planner
 from bayestissue.studies.planning.plan_file import plan_of
 from bayestissue.studies.planning.planned_study import factors_named, study_of
 from bayestissue.studies.planning.tabulated_law import PlannedLaw
-from bayestissue.studies.simulation import Simulation, simulate
+from campaigns import simulated
 
 MASS, HEIGHT = 5.0, 0.3
 FORCE = "peak_force[mass_kg=5, drop_height_cm=30]"
@@ -133,26 +133,19 @@ def test_fits_of_simulated_studies_are_as_sure_as_the_plan_says() -> None:
         [study.cases[0].design.rows()], study.cases[0].model, study.cases[0].prior, study.cases[0].simulation
     )
     (((planned,),)) = ready.assess(study.goals, range(1))
-    conditions = [{"trial": f"h{V}", "mass_kg": MASS, "velocity_m_s": V} for V in VELOCITIES]
-    widths = []
+    tissue = {"K_N_per_m": 30_000.0, "C_N_s_per_m": 150.0, "sd_impact_K": SPREAD, "sd_impact_C": 0.1}
+    recording, widths = study.cases[0].simulation.recording.model_dump(), []
     for seed in range(4):
-        simulation = Simulation.model_validate(
-            {
-                "name": "drops",
-                "seed": seed,
-                "gravity": "drop",
-                "design": {"subjects": 1, "repeats": 4, "conditions": conditions},
-                "tissue": {
-                    "K_N_per_m": 30_000.0,
-                    "C_N_s_per_m": 150.0,
-                    "sd_impact_K": SPREAD,
-                    "sd_impact_C": 0.1,
-                },
-                "recording": study.cases[0].simulation.recording.model_dump(),
-            }
+        made = simulated(
+            tissue,
+            recording,
+            masses=[MASS] * 2,
+            velocity=VELOCITIES,
+            design={"repeats": 4},
+            seed=seed,
+            gravity="drop",
         )
-        fit = bt.fit(simulate(simulation).dataset("drops"), "impact", K="1", C="1")
-        answer = fit.ask(FORCE).iloc[0]
+        answer = bt.fit(made.dataset("drops"), "impact", K="1", C="1").ask(FORCE).iloc[0]
         widths.append(np.sqrt(answer["high"] / answer["low"]) - 1)
     error = np.hypot(planned.width.std(), np.std(widths, ddof=1)) / np.sqrt(len(widths))
     assert abs(np.mean(widths) - planned.width.mean()) < 3 * error

@@ -14,8 +14,9 @@ from bayestissue.studies.planning.assurance import Goal, Planner, planner
 from bayestissue.studies.planning.information import simulation_of
 from bayestissue.studies.planning.planned_population import Pilot, PlannedPopulation
 from bayestissue.studies.planning.running import RunningPrior, running_study
-from bayestissue.studies.simulation import Simulation, simulate
+from bayestissue.studies.simulation import simulate
 from bayestissue.studies.simulation.simulation_file import Recording
+from campaigns import spreads, study
 from counted import COMPILED, counted
 
 pytestmark = pytest.mark.slow
@@ -34,18 +35,8 @@ class Begun(NamedTuple):
 
 @pytest.fixture(scope="module")
 def begun() -> Begun:
-    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.5, 1.0)]
-    tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "mass_exponent_K": 0.3}
-    spreads = {f"sd_{group}_{q}": sd for group, sd in (("subject", 0.2), ("impact", 0.1)) for q in "KC"}
-    simulation = Simulation.model_validate(
-        {
-            "name": "running",
-            "seed": 4,
-            "design": {"subjects": 5, "conditions": conditions},
-            "tissue": tissue | spreads,
-            "recording": RECORDING,
-        }
-    )
+    tissue = {"mass_exponent_K": 0.3, **spreads(subject=0.2, impact=0.1)}
+    simulation = study(tissue, RECORDING, people=5, masses=(0.5, 1.0), seed=4)
     dataset = simulate(simulation).dataset("running")
     # As in a new process: after many tests a fit would do so itself, between the two that are counted.
     runtime.release_compiled(0)

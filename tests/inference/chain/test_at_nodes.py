@@ -20,36 +20,23 @@ from bayestissue.inference.chain.warm_up import begin
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.recordings.dataset import Dataset
 from bayestissue.studies.fitting import resolve
-from bayestissue.studies.simulation import Simulation, simulate
+from campaigns import simulated, spreads
 
-MASSES = (0.5, 0.8, 1.2)
-
-
-def campaign() -> Dataset:
-    """Three people hit by three masses, at 5 kHz: more than twice as many samples as nodes."""
-    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in MASSES]
-    content = {
-        "name": "small",
-        "seed": 5,
-        "design": {"subjects": 3, "conditions": conditions},
-        "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2, "sd_subject_C": 0.2},
-        "recording": {
-            "sampling_rate_hz": 5000.0,
-            "before_contact_s": 0.01,
-            "noise_relative_to_peak": 0.005,
-            "velocity_sd_m_s": 0.005,
-        },
-        "output": {"traces": "csv"},
-    }
-    return simulate(Simulation.model_validate(content)).dataset("small")
+RECORDING = {
+    "sampling_rate_hz": 5000.0,
+    "before_contact_s": 0.01,
+    "noise_relative_to_peak": 0.005,
+    "velocity_sd_m_s": 0.005,
+}
 
 
 def prepared(**model: Any) -> Prepared:
+    """Three people hit by three masses, at 5 kHz: more than twice as many samples as nodes."""
+    made = simulated(spreads(subject=0.2), RECORDING, people=3, masses=(0.5, 0.8, 1.2), seed=5)
     content = {"likelihood": "impact", "formula": {"K": "(1|subject)", "C": "(1|subject)"}, **model}
     specification, source = resolve(content)
-    return prepare(campaign(), specification, source=source)
+    return prepare(made.dataset("small"), specification, source=source)
 
 
 def begun(**model: Any) -> tuple[Target, GaussianFactor]:

@@ -9,36 +9,32 @@ from bayestissue.inference.checking.measuring_chain import AMPLITUDE, OFFSET, fr
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset import Dataset, Trace
-from bayestissue.studies.simulation import Simulation, simulate
+from campaigns import simulated
 
-MASSES_AND_VELOCITIES = [(0.4, 1.2), (0.7, 1.2), (1.0, 1.0), (1.3, 0.9)]
+MASSES, VELOCITIES = (0.4, 0.7, 1.0, 1.3), (1.2, 1.2, 1.0, 0.9)
+RECORDING = {
+    "sampling_rate_hz": 2000.0,
+    "noise_relative_to_peak": 0.005,
+    "offset_sd_m_s2": 0.2,
+    "relative_gain_sd": 0.005,
+    "velocity_sd_m_s": 0.005,
+    "relative_mass_sd": 0.002,
+}
 # In standard errors.
 FAR = 4.0
 
 
-def simulated(subjects: int = 3, recording: dict[str, float] | None = None, **tissue: object) -> Dataset:
+def recorded(people: int = 3, recording: dict[str, float] | None = None, **tissue: object) -> Dataset:
     """So many people in four conditions, errors of the measuring chain as large as declared."""
-    conditions = [
-        {"trial": f"t{i}", "mass_kg": mass, "velocity_m_s": velocity}
-        for i, (mass, velocity) in enumerate(MASSES_AND_VELOCITIES)
-    ]
-    content = {
-        "name": "chain",
-        "seed": 4,
-        "design": {"subjects": subjects, "conditions": conditions},
-        "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2, "sd_impact_K": 0.05}
-        | tissue,
-        "recording": {
-            "sampling_rate_hz": 2000.0,
-            "noise_relative_to_peak": 0.005,
-            "offset_sd_m_s2": 0.2,
-            "relative_gain_sd": 0.005,
-            "velocity_sd_m_s": 0.005,
-            "relative_mass_sd": 0.002,
-        }
-        | (recording or {}),
-    }
-    return simulate(Simulation.model_validate(content)).dataset("chain")
+    made = simulated(
+        {"sd_subject_K": 0.2, "sd_impact_K": 0.05, **tissue},
+        RECORDING | (recording or {}),
+        people=people,
+        masses=MASSES,
+        velocity=VELOCITIES,
+        seed=4,
+    )
+    return made.dataset("chain")
 
 
 class Prepare:
@@ -69,7 +65,7 @@ def impact() -> Prepare:
 
 @pytest.fixture(scope="module")
 def good() -> Dataset:
-    return simulated()
+    return recorded()
 
 
 def with_column(dataset: Dataset, name: str, factor: object) -> Dataset:
@@ -109,7 +105,7 @@ def test_a_velocity_is_named_before_a_zero_that_explains_the_traces_as_well(
         "relative_gain_sd": 0.0,
         "relative_mass_sd": 0.0,
     }
-    dataset = simulated(40, chain, sd_impact_K=0.08)
+    dataset = recorded(40, chain, sd_impact_K=0.08)
     found = judge(impact(with_column(dataset, "velocity_m_s", factor)))
     assert (found["passed"], found["error"], OFFSET in found["alike"]) == (False, AMPLITUDE, True)
     assert found["relative"] == pytest.approx(1 / factor - 1, abs=0.01)
@@ -176,7 +172,7 @@ def test_an_undeclared_error_is_one_without_a_standard_deviation(impact: Prepare
 @pytest.mark.slow
 def test_another_law_is_not_blamed_on_the_chain(impact: Prepare) -> None:
     tissue = {"element": "standard_linear", "K_N_per_m": 2000.0, "parameters": {"arm_ratio": 2.0}}
-    found = judge(impact(simulated(**tissue)))
+    found = judge(impact(recorded(**tissue)))
     assert found["passed"] is None
     assert "can't be told" in found["words"]
 

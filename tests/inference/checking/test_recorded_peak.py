@@ -20,7 +20,7 @@ from bayestissue.recordings.dataset import Dataset, Uncertainty
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.dataset.recorders import contents_of
 from bayestissue.recordings.dataset.source_files import Source
-from bayestissue.studies.simulation import Simulation, simulate
+from campaigns import simulated, spreads
 
 DT = 1 / 51_200
 
@@ -29,23 +29,8 @@ def of_true_peaks(
     noise: float, gravity: str = "none", impacts: int = 200
 ) -> tuple[Dataset, Prepared, np.ndarray]:
     """Simulated impacts of a spring and damper, and the true peak of each [standard gravity]."""
-    conditions = [{"trial": "a", "mass_kg": 0.7, "velocity_m_s": 1.5}]
-    made = simulate(
-        Simulation.model_validate(
-            {
-                "name": "sound",
-                "seed": 3,
-                "gravity": gravity,
-                "design": {"conditions": conditions, "subjects": impacts},
-                "tissue": {
-                    "K_N_per_m": 3000.0,
-                    "C_N_s_per_m": 25.0,
-                    "sd_impact_K": 0.3,
-                    "sd_impact_C": 0.3,
-                },
-                "recording": {"noise_relative_to_peak": noise},
-            }
-        )
+    made = simulated(
+        spreads(impact=0.3), {"noise_relative_to_peak": noise}, people=impacts, seed=3, gravity=gravity
     )
     dataset = made.dataset("sound")
     ready = prepare(dataset, read_specification(shared("models", "impact.toml")), source="test")

@@ -28,8 +28,7 @@ from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset import Dataset
-from bayestissue.studies.simulation import simulate
-from bayestissue.studies.simulation.simulation_file import Simulation
+from campaigns import simulated, spreads
 from dataset_bench import settings_of
 
 SHORT = ChainSettings(segment=20, most_rounds=1, first_look=2)
@@ -40,18 +39,8 @@ ROUNDING = 1e-10
 def campaign(
     tmp_path, subjects: int, seed: int, mass_sd: float, masses: Sequence[float] = (0.4, 1.3)
 ) -> Dataset:
-    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in masses]
-    tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
-    tissue |= {f"sd_{each}": 0.1 for each in ("subject_K", "impact_K", "subject_C", "impact_C")}
     recording = {"sampling_rate_hz": 2200.0, "noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005}
-    content = {
-        "name": "few",
-        "seed": seed,
-        "design": {"subjects": subjects, "conditions": conditions},
-        "tissue": tissue,
-        "recording": recording,
-    }
-    made = simulate(Simulation.model_validate(content))
+    made = simulated(spreads(subject=0.1, impact=0.1), recording, people=subjects, masses=masses, seed=seed)
     chain = {"relative_mass_sd": mass_sd, "velocity_sd_m_s": 0.005}
     settings = settings_of(quantity="deceleration", contact="between", uncertainty=chain)
     return Dataset(settings, made.impacts, made.traces, folder=tmp_path)

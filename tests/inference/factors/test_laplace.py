@@ -23,36 +23,15 @@ from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.model.hierarchy.trace_models import log_likelihood, with_normal_errors
-from bayestissue.studies.simulation import simulate
-from bayestissue.studies.simulation.simulation_file import Simulation
-
-TRUTH = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
+from campaigns import simulated
 
 
 @cache
 def prepared(kind: str) -> Prepared:
-    made = simulate(
-        Simulation.model_validate(
-            {
-                "name": "six impacts",
-                "seed": 4,
-                "design": {
-                    "subjects": 2,
-                    "conditions": [
-                        {"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5}
-                        for mass in (0.4, 0.9, 1.3)
-                    ],
-                },
-                "tissue": TRUTH,
-                "recording": {"sampling_rate_hz": 2000.0, "noise_relative_to_peak": 0.005},
-            }
-        )
-    )
-    return prepare(
-        made.dataset("six"),
-        ModelSpecification.model_validate({"name": kind, "likelihood": kind}),
-        source="model",
-    )
+    recording = {"sampling_rate_hz": 2000.0, "noise_relative_to_peak": 0.005}
+    made = simulated({}, recording, people=2, masses=(0.4, 0.9, 1.3), seed=4)
+    specification = ModelSpecification.model_validate({"name": kind, "likelihood": kind})
+    return prepare(made.dataset("six"), specification, source="model")
 
 
 def summaries_of(size: int, impacts: int = 5) -> tuple[GaussianFactor, ConditionalPrior]:
@@ -117,8 +96,8 @@ def test_an_expansion_has_the_derivatives_of_the_likelihood(kind: str) -> None:
 def test_a_first_guess_is_near_the_truth() -> None:
     guess = first_guess(prepared("impact"))
     # Noise of half a percent of the peak, offset and gain unknown: K and C to a few percent.
-    np.testing.assert_allclose(guess[:, 0], np.log(TRUTH["K_N_per_m"]), atol=0.1)
-    np.testing.assert_allclose(guess[:, 1], np.log(TRUTH["C_N_s_per_m"]), atol=0.3)
+    np.testing.assert_allclose(guess[:, 0], np.log(3000.0), atol=0.1)
+    np.testing.assert_allclose(guess[:, 1], np.log(25.0), atol=0.3)
 
 
 @pytest.mark.parametrize("size", [2, 4])

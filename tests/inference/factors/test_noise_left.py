@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import bayestissue as bt
 from bayestissue.inference.checking.model_form import SMALL_P, stated, with_impacts
-from bayestissue.studies.simulation import Simulation, simulate
+from campaigns import simulated, spreads
 
 pytestmark = pytest.mark.slow
 
@@ -22,21 +21,11 @@ FORM = stated({"score": 0.3, "structured": False})
 SOUND = FORM["words"]
 
 
-def estimated(impacts: int, tissue: dict, recording: dict) -> pd.DataFrame:
-    own = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_impact_K": 0.2, "sd_impact_C": 0.2, **tissue}
-    conditions = [{"trial": "a", "mass_kg": 0.7, "velocity_m_s": 1.5}]
-    made = simulate(
-        Simulation.model_validate(
-            {
-                "name": "made",
-                "seed": 1,
-                "design": {"subjects": impacts, "conditions": conditions},
-                "tissue": own,
-                "recording": {"noise_relative_to_peak": 0.005, "sampling_rate_hz": 5000.0, **recording},
-            }
-        )
-    )
-    return bt.estimate(made.dataset("made"))
+def whiteness(impacts: int, tissue: dict, recording: dict) -> np.ndarray:
+    """p of each impact."""
+    chain = {"noise_relative_to_peak": 0.005, "sampling_rate_hz": 5000.0, **recording}
+    made = simulated(spreads(impact=0.2) | tissue, chain, people=impacts, seed=1)
+    return bt.estimate(made.dataset("made"))["whiteness_p"].to_numpy()
 
 
 @pytest.mark.parametrize(
@@ -49,7 +38,7 @@ def estimated(impacts: int, tissue: dict, recording: dict) -> pd.DataFrame:
 )
 def test_of_a_hundred_sound_impacts_one_looks_structured(impacts: int, chain: dict) -> None:
     """The trace's own errors of the chain, and what was fitted to it, are no structure."""
-    p = estimated(impacts, {}, chain)["whiteness_p"].to_numpy()
+    p = whiteness(impacts, {}, chain)
     assert np.isfinite(p).all()
     standard_error = np.sqrt(0.015 * 0.985 / len(p))
     assert (p < SMALL_P).mean() <= 0.015 + standard_error
@@ -62,7 +51,7 @@ def test_of_a_hundred_sound_impacts_one_looks_structured(impacts: int, chain: di
 
 def test_a_stiffening_tissue_is_structure_in_every_impact() -> None:
     tissue = {"element": "stiffening", "parameters": {"stiffening_depth_m": 0.02}}
-    p = estimated(40, tissue, CHAIN)["whiteness_p"].to_numpy()
+    p = whiteness(40, tissue, CHAIN)
     assert (p < 0.001).all()
     found = with_impacts(FORM, [f"i{k}" for k in range(40)], p)
     assert found["impacts"]["structured"]

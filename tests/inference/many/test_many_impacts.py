@@ -29,8 +29,7 @@ from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.model.hierarchy.trace_models import TraceData
 from bayestissue.model.likelihood.arma.displacements import displacement_record
 from bayestissue.recordings.dataset.model import Dataset
-from bayestissue.studies.simulation import simulate
-from bayestissue.studies.simulation.simulation_file import Simulation
+from campaigns import binomial, simulated, spreads
 from chain_of_sites import chain_of_sites
 
 COUNT = 21
@@ -90,8 +89,7 @@ def test_intervals_of_few_kept_draws_hold_what_they_promise() -> None:
     of_impacts = table[table["variable"] == "K"]
     new = rng.normal(size=impacts)
     held = ((of_impacts["eti90_low"] < new) & (new < of_impacts["eti90_high"])).mean()
-    # Three standard errors of a share of 90 % among 4000.
-    assert abs(held - 0.9) < 3 * np.sqrt(0.09 / impacts)
+    assert abs(held - 0.9) < binomial(impacts)
     assert of_impacts["r_hat"].isna().all()
     of_population = table[table["variable"] == "mass_exponent_K_secant"]
     assert list(of_population["label"]) == [""]
@@ -102,19 +100,10 @@ def test_intervals_of_few_kept_draws_hold_what_they_promise() -> None:
 @pytest.fixture(scope="module")
 def dozen() -> Dataset:
     """Three people in two conditions, twice each."""
-    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.5, 1.0)]
-    campaign = simulate(
-        Simulation.model_validate(
-            {
-                "name": "dozen",
-                "seed": 6,
-                "design": {"subjects": 3, "repeats": 2, "conditions": conditions},
-                "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2},
-                "recording": {"sampling_rate_hz": 1000.0, "noise_relative_to_peak": 0.005},
-            }
-        )
-    )
-    return campaign.dataset("dozen")
+    recording = {"sampling_rate_hz": 1000.0, "noise_relative_to_peak": 0.005}
+    tissue, design = {"sd_subject_K": 0.2}, {"repeats": 2}
+    made = simulated(tissue, recording, people=3, masses=(0.5, 1.0), design=design, seed=6)
+    return made.dataset("dozen")
 
 
 # Two of them by default; all in the long suite.
@@ -191,30 +180,22 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
 
 @pytest.fixture(scope="module")
 def prepared() -> Prepared:
-    conditions = [
-        {"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.6, 0.9, 1.3)
-    ]
-    tissue = {f"sd_{level}_{q}": sd for level, sd in (("subject", 0.2), ("impact", 0.1)) for q in "KC"}
-    campaign = simulate(
-        Simulation.model_validate(
-            {
-                "name": "many",
-                "seed": 4,
-                "design": {"subjects": 12, "repeats": 8, "conditions": conditions},
-                "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, **tissue},
-                "recording": {
-                    "sampling_rate_hz": 2000.0,
-                    "noise_relative_to_peak": 0.002,
-                    "noise_sd_m_s2": 0.5,
-                    "relative_mass_sd": 0.002,
-                    "velocity_sd_m_s": 0.005,
-                },
-            }
-        )
+    campaign = simulated(
+        spreads(subject=0.2, impact=0.1),
+        {
+            "sampling_rate_hz": 2000.0,
+            "noise_relative_to_peak": 0.002,
+            "noise_sd_m_s2": 0.5,
+            "relative_mass_sd": 0.002,
+            "velocity_sd_m_s": 0.005,
+        },
+        people=12,
+        masses=(0.4, 0.6, 0.9, 1.3),
+        design={"repeats": 8},
+        seed=4,
     )
-    return prepare(
-        campaign.dataset("many"), ModelSpecification(name="impact", likelihood="impact"), source="model"
-    )
+    specification = ModelSpecification(name="impact", likelihood="impact")
+    return prepare(campaign.dataset("many"), specification, source="model")
 
 
 @pytest.mark.long

@@ -10,24 +10,20 @@ from bayestissue.base import resources
 from bayestissue.inference.fit import fit_traces
 from bayestissue.model.hierarchy.specification import read_specification
 from bayestissue.model.hierarchy.trace_data import prepare
-from bayestissue.studies.simulation import Simulation, simulate
-from bayestissue.studies.simulation.campaign import Campaign
+from bayestissue.studies.simulation import Campaign
+from campaigns import simulated, spreads
 
 
 def campaign(seed: int) -> Campaign:
     """72 impacts of six people."""
-    conditions = [
-        {"trial": f"{mass} kg, {velocity} m/s", "mass_kg": mass, "velocity_m_s": velocity}
-        for mass, velocity in itertools.product((0.4, 0.7, 1.1, 1.3), (1.25, 1.5, 1.75))
-    ]
+    masses, velocities = zip(*itertools.product((0.4, 0.7, 1.1, 1.3), (1.25, 1.5, 1.75)), strict=True)
     tissue = {
         "element": "stiffening",
         "K_N_per_m": 4200.0,
         "C_N_s_per_m": 18.0,
         "parameters": {"stiffening_depth_m": 0.02},
-        **dict.fromkeys(("sd_subject_K", "sd_subject_C"), 0.2),
-        **dict.fromkeys(("sd_trial_K", "sd_trial_C", "sd_impact_K"), 0.05),
-        "sd_impact_C": 0.1,
+        **spreads(subject=0.2, trial=0.05),
+        **{"sd_impact_K": 0.05, "sd_impact_C": 0.1},
     }
     recording = {
         "sampling_rate_hz": 5000.0,
@@ -35,12 +31,7 @@ def campaign(seed: int) -> Campaign:
         "velocity_sd_m_s": 0.01,
         "relative_mass_sd": 0.002,
     }
-    design = {"subjects": 6, "conditions": conditions}
-    return simulate(
-        Simulation.model_validate(
-            {"name": "stiffening", "seed": seed, "design": design, "tissue": tissue, "recording": recording}
-        )
-    )
+    return simulated(tissue, recording, people=6, masses=masses, velocity=velocities, seed=seed)
 
 
 @pytest.mark.long

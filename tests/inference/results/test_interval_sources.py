@@ -33,7 +33,7 @@ from bayestissue.model.hierarchy.trace_models import (
 )
 from bayestissue.model.likelihood.element.record import CONTACT
 from bayestissue.recordings.dataset import read_dataset
-from bayestissue.studies.simulation import Simulation, simulate
+from campaigns import simulated
 
 pytestmark = pytest.mark.slow
 
@@ -45,26 +45,20 @@ SPREADS = {"sd_subject": 0.3, "sd_trial": 0.1, "sd_impact": 0.05}
 
 def planned(masses: np.ndarray, **model: Any) -> Prepared:
     """Every person hit once in each condition."""
-    conditions = [
-        {"trial": f"t{i}", "mass_kg": mass, "velocity_m_s": 1.2} for i, mass in enumerate(masses.tolist())
-    ]
-    made = simulate(
-        Simulation.model_validate(
-            {
-                "name": "sources",
-                "seed": 3,
-                "design": {"subjects": PEOPLE, "conditions": conditions},
-                "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2},
-                "recording": {
-                    "sampling_rate_hz": 5000.0,
-                    "noise_relative_to_peak": 0.005,
-                    "offset_sd_m_s2": 0.2,
-                    "relative_gain_sd": 0.005,
-                    "velocity_sd_m_s": 0.005,
-                    "relative_mass_sd": 0.002,
-                },
-            }
-        )
+    made = simulated(
+        {"sd_subject_K": 0.2},
+        {
+            "sampling_rate_hz": 5000.0,
+            "noise_relative_to_peak": 0.005,
+            "offset_sd_m_s2": 0.2,
+            "relative_gain_sd": 0.005,
+            "velocity_sd_m_s": 0.005,
+            "relative_mass_sd": 0.002,
+        },
+        people=PEOPLE,
+        masses=masses.tolist(),
+        velocity=1.2,
+        seed=3,
     )
     found = read_specification(resources.shared("models", "impact.toml"))
     both = "(1|subject) + (1|trial)"

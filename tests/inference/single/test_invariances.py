@@ -11,18 +11,11 @@ from numpy.testing import assert_allclose
 
 import bayestissue as bt
 from bayestissue.recordings.dataset import Trace
-from bayestissue.studies.simulation import simulate
-from bayestissue.studies.simulation.simulation_file import Simulation
+from campaigns import simulated, spreads
 
 pytestmark = pytest.mark.slow
 
-CONDITIONS = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 1.0)]
-SPECIFICATION = {
-    "name": "invariances",
-    "design": {"subjects": 4, "conditions": CONDITIONS},
-    "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.3, "sd_subject_C": 0.3},
-    "recording": {"sampling_rate_hz": 2000.0, "noise_relative_to_peak": 0.01, "velocity_sd_m_s": 0.01},
-}
+RECORDING = {"sampling_rate_hz": 2000.0, "noise_relative_to_peak": 0.01, "velocity_sd_m_s": 0.01}
 # Of K and C: rounding errors of samples, carried through a search that ends at steps of 1e-9.
 ALIKE = 1e-6
 NUMBERS = [
@@ -35,8 +28,7 @@ class Recorded:
     """Tables of a campaign, from which variants are made."""
 
     def __init__(self) -> None:
-        campaign = simulate(Simulation.model_validate(SPECIFICATION))
-        made = campaign.dataset("x")
+        made = simulated(spreads(subject=0.3), RECORDING, people=4, masses=(0.4, 1.0)).dataset("x")
         self.uncertainty = made.uncertainty
         self.impacts = made.impacts.drop(columns="sampling_rate_hz")
         self.traces = [(np.asarray(trace.time_s), np.asarray(trace.value)) for trace in made.traces]

@@ -18,52 +18,36 @@ from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.recordings.dataset.impact_table import REFERENCE, counts, of_phantoms
 from bayestissue.studies.estimates import estimate_figure, level, page_of
 from bayestissue.studies.fitting import resolve
-from bayestissue.studies.simulation import Simulation, simulate
+from campaigns import COLUMNS, holds, simulated
 
 FACTOR, GAIN, KNOWN, SD = 1.06, 1.06, 2500.0, 25.0
 DECLARED = Uncertainty(relative_mass_sd=0.05, velocity_sd_m_s=0.005, relative_gain_sd=0.05, offset_sd=0.0)
 
 
-def campaign(seed: int, tissue: dict[str, float], factor: float) -> Simulation:
-    """Three subjects hit with two masses, which are declared too small by a factor."""
-    conditions = [{"trial": f"{mass} kg", "mass_kg": mass, "velocity_m_s": 1.4} for mass in (0.5, 1.0)]
-    recording = {"sampling_rate_hz": 5000.0, "noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005}
-    return Simulation.model_validate(
-        {
-            "name": "made",
-            "seed": seed,
-            "design": {"subjects": 3, "conditions": conditions},
-            "tissue": tissue,
-            "recording": recording | {"mass_factor": factor},
-        }
+PHANTOM_OF = {"K_N_per_m": KNOWN, "sd_N_per_m": SD, "C_N_s_per_m": 6.0, "repeats": 3}
+RECORDING = {"sampling_rate_hz": 5000.0, "noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005}
+
+
+def with_phantom(
+    damping: float = 25.0, factor: float = 1.0, gain: float = 1.0
+) -> tuple[Dataset, pd.DataFrame]:
+    """People and a spring, masses declared too small by a factor, and the people's truth."""
+    made = simulated(
+        {"C_N_s_per_m": damping, "sd_subject_K": 0.2, "sd_impact_K": 0.05},
+        RECORDING | {"mass_factor": factor},
+        people=3,
+        masses=(0.5, 1.0),
+        velocity=1.4,
+        seed=1,
+        phantom=PHANTOM_OF,
     )
-
-
-def with_phantom(damping: float, factor: float = 1.0, gain: float = 1.0) -> tuple[bt.Dataset, pd.DataFrame]:
-    """People and a spring, and the people's truth."""
-    people = {"K_N_per_m": 3000.0, "C_N_s_per_m": damping, "sd_subject_K": 0.2, "sd_impact_K": 0.05}
-    made = [
-        simulate(campaign(seed, tissue, factor))
-        for seed, tissue in ((1, people), (2, {"K_N_per_m": KNOWN, "C_N_s_per_m": 6.0}))
-    ]
-    impacts, traces = [], []
-    for name, one, known in zip(("person", "spring"), made, (np.nan, KNOWN), strict=True):
-        part = one.dataset("made")
-        names = name + "-" + part.impacts["impact"].astype(str)
-        who = part.impacts["subject"] if name == "person" else "spring"
-        columns = dict(zip(REFERENCE, (known, known and SD * known / KNOWN), strict=True))
-        impacts.append(part.impacts.assign(impact=names, subject=who, **columns))
-        traces += [
-            pd.DataFrame({"impact": impact, "time_s": trace.time_s, "value": gain * trace.value})
-            for impact, trace in zip(names, part.traces, strict=True)
-        ]
-    tables = [pd.concat(parts, ignore_index=True) for parts in (impacts, traces)]
-    dataset = bt.dataset(*tables, quantity="deceleration", unit="m/s^2", uncertainty=DECLARED)
-    return dataset, made[0].truth
+    dataset = made.dataset("made").with_settings(uncertainty=DECLARED)
+    traces = [replace(trace, value=gain * trace.value) for trace in dataset.traces]
+    return replace(dataset, traces=traces), made.truth[~of_phantoms(made.impacts)]
 
 
 def test_errors_of_mass_and_gain_must_be_declared() -> None:
-    dataset, _ = with_phantom(25.0)
+    dataset, _ = with_phantom()
     assert of_phantoms(dataset.impacts).sum() == 6
     with pytest.raises(InputError) as error:
         apart(dataset.with_settings(uncertainty=Uncertainty()))
@@ -79,23 +63,23 @@ def test_errors_of_mass_and_gain_must_be_declared() -> None:
 
 
 def test_phantoms_are_counted_and_estimated_beside_people_and_not_as_people() -> None:
-    dataset, _ = with_phantom(25.0)
+    dataset, _ = with_phantom()
     impacts = len(dataset.impacts)
     assert counts(dataset.impacts) == f"{impacts}; subjects: 3, trials: 2; of known springs or phantoms: 6"
     assert dataset.people.impacts["subject"].nunique() == 3
     assert len(dataset.people.traces) == len(dataset.people.impacts) == impacts - 6
     table = bt.estimate(dataset, method="dds")
-    assert [PHANTOM in notes for notes in table["notes"]] == (table["subject"] == "spring").tolist()
+    assert [PHANTOM in notes for notes in table["notes"]] == (table["subject"] == "phantom").tolist()
     people = people_alone(table)
     assert people["impact"].tolist() == dataset.people.impacts["impact"].tolist()
     # Phantoms alone are what the table is of.
-    assert len(people_alone(table[table["subject"] == "spring"])) == 6
+    assert len(people_alone(table[table["subject"] == "phantom"])) == 6
     page = page_of({"estimates": table}, {"dataset": "made", "program": "bayestissue", "command": "estimate"})
     assert f"{impacts} impacts, 6 of them of springs or phantoms of known stiffness" in page
     assert level(people, "K")["median"] in page
     assert level(people, "K")["median"] != level(table, "K")["median"]
     drawn = estimate_figure(table, "K").data
-    assert set(drawn.loc[drawn["person"] == "spring", "kind"]) <= {PHANTOM, "flagged"}
+    assert set(drawn.loc[drawn["person"] == "phantom", "kind"]) <= {PHANTOM, "flagged"}
 
 
 def test_a_known_stiffness_needs_its_error() -> None:
@@ -123,7 +107,7 @@ def by_least_squares(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("by_least_squares")
 def test_beside_phantoms_a_mass_is_no_person_s_own() -> None:
-    dataset, _ = with_phantom(25.0)
+    dataset, _ = with_phantom()
     model = resolve("impact", "deceleration")[0]
     of_people = model.model_copy(update={"mass_error": "subject"})
     with pytest.raises(InputError, match='mass_error = "impact"') as error:
@@ -139,11 +123,11 @@ def test_beside_phantoms_a_mass_is_no_person_s_own() -> None:
 
 @pytest.mark.usefixtures("by_least_squares")
 def test_the_control_chart_goes_session_by_session() -> None:
-    dataset, _ = with_phantom(25.0)
-    assert control_chart(dataset)["label"].str.startswith("spring-").all()
+    dataset, _ = with_phantom()
+    assert control_chart(dataset)["label"].str.startswith("phantom-").all()
     sessions = [f"day {row % 2 + 1}" for row in range(len(dataset.impacts))]
     chart = control_chart(replace(dataset, impacts=dataset.impacts.assign(Session=sessions)))
-    named = chart["label"].str.extract(r"^Session day (\d), (spring-.*)$")
+    named = chart["label"].str.extract(r"^Session day (\d), (phantom-.*)$")
     assert named[0].tolist() == ["1"] * 3 + ["2"] * 3
     springs = dataset.select(of_phantoms(dataset.impacts))
     in_table = springs.impacts["impact"].tolist()
@@ -166,33 +150,32 @@ def test_people_are_put_right_by_a_spring(damping: float, factor: float, gain: f
     fit = bt.fit(dataset, seed=1)
     posterior = fit.posterior["posterior"].dataset
     assert posterior.sizes["impact"] == len(truth)
-    assert "spring" not in posterior["subject"].to_numpy()
+    assert "phantom" not in posterior["subject"].to_numpy()
     low, high = np.quantile(posterior["mass_factor"], [0.05, 0.95])
     # A spring known to 1 % leaves as much open, and no more than that and the gain.
     assert low < factor < high
     assert 0.02 < high - low < 0.06
-    for name, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
-        z = np.log(posterior[name].to_numpy() / truth[column].to_numpy())
-        ends = np.quantile(z, [0.05, 0.95], axis=(0, 1))
-        assert ((ends[0] < 0) & (ends[1] > 0)).mean() >= 0.8, name
-        assert abs(float(z.mean())) < 0.03, name
+    holds(posterior, truth, least=0.8)
+    for name, column in COLUMNS.items():
+        assert abs(float(np.log(posterior[name] / truth[column].to_numpy()).mean())) < 0.03, name
     assert fit.diagnostics["reference"]["passed"]
     assert "known springs read" in fit.about["verdict"]["headline"]
 
 
 def test_a_standard_deviation_above_half_of_the_stiffness_has_another_unit() -> None:
-    dataset, _ = with_phantom(25.0)
+    dataset, _ = with_phantom()
     known = np.where(of_phantoms(dataset.impacts), 2.5, np.nan)
     impacts = dataset.impacts.assign(**dict(zip(REFERENCE, (known, 10 * known), strict=True)))
+    traces = [(trace.time_s, trace.value) for trace in dataset.traces]
     with pytest.raises(InputError) as refused:
-        bt.dataset(impacts, traces_of(dataset), quantity="deceleration", unit="m/s^2", uncertainty=DECLARED)
+        bt.dataset(impacts, traces, quantity="deceleration", unit="m/s^2", uncertainty=DECLARED)
     first = refused.value.problems[0]
     assert (first.code, first.column, len(refused.value.problems)) == ("reference-unfit", REFERENCE[1], 6)
     assert "2.5 N/mm are 2500 N/m" in first.remedy
 
 
 def test_a_stiffness_a_thousand_times_what_was_recorded_has_another_unit() -> None:
-    dataset, _ = with_phantom(25.0)
+    dataset, _ = with_phantom()
     known = np.where(of_phantoms(dataset.impacts), KNOWN / 1000, np.nan)
     impacts = dataset.impacts.assign(**dict(zip(REFERENCE, (known, known / 100), strict=True)))
     with pytest.raises(
@@ -200,12 +183,3 @@ def test_a_stiffness_a_thousand_times_what_was_recorded_has_another_unit() -> No
     ) as refused:
         apart(replace(dataset, impacts=impacts))
     assert refused.value.problems[0].code == "reference-unfit"
-
-
-def traces_of(dataset: bt.Dataset) -> pd.DataFrame:
-    names = dataset.impacts["impact"]
-    parts = (
-        pd.DataFrame({"impact": name, "time_s": trace.time_s, "value": trace.value})
-        for name, trace in zip(names, dataset.traces, strict=True)
-    )
-    return pd.concat(list(parts), ignore_index=True)

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from by_grid import quantiles_by_grid
 
 import bayestissue as bt
 from bayestissue.base.resources import shared
 from bayestissue.base.results.tables import columns_of
-from bayestissue.inference.factors.sites import log_likelihoods
 from bayestissue.inference.points.notes import C_UNTOLD, K_MOSTLY_UNTOLD, K_UNTOLD, NOISELESS, STRUCTURED
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single import impact_estimates as single_estimates
@@ -22,24 +22,24 @@ from bayestissue.mechanics.elements.outcomes import OUTCOMES
 from bayestissue.model.hierarchy.specification import Formulas, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset import Dataset, Uncertainty
-from bayestissue.studies.simulation import Simulation, simulate
-from bayestissue.studies.simulation.campaign import Campaign
+from bayestissue.studies.simulation import Campaign
+from campaigns import COLUMNS, binomial, holds, simulated, spreads
 
 pytestmark = pytest.mark.slow
 
-UNITS = {"K": "N_per_m", "C": "N_s_per_m"}
 # Impacts of the small campaigns, which are compiled once.
 FEW = 8
-CHAIN = {"relative_mass_sd": 0.005, "velocity_sd_m_s": 0.0075, "relative_gain_sd": 0.005}
+QUIET = {"noise_relative_to_peak": 0.005}
+CHAIN = {**QUIET, "relative_mass_sd": 0.005, "velocity_sd_m_s": 0.0075, "relative_gain_sd": 0.005}
+# Of a damping ratio of 4.
+DAMPED = {"C_N_s_per_m": 8 * (3000 * 0.7) ** 0.5, "sd_impact_K": 0.0, "sd_impact_C": 0.0}
+UNITS = {"K": "N_per_m", "C": "N_s_per_m"}
 
 
-def made(impacts: int, chain: dict[str, float], **tissue: object) -> Campaign:
-    own = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_impact_K": 0.2, "sd_impact_C": 0.2, **tissue}
-    conditions = [{"trial": "a", "mass_kg": 0.7, "velocity_m_s": 1.5}]
-    design = {"conditions": conditions, "subjects": impacts}
-    content = {"name": "single", "seed": 3, "design": design, "tissue": own, "recording": chain}
-    content |= {"gravity": own.pop("gravity", "none"), "headform": own.pop("headform", False)}
-    return simulate(Simulation.model_validate(content))
+def made(
+    impacts: int, chain: dict[str, float], tissue: dict[str, object] | None = None, **content: object
+) -> Campaign:
+    return simulated(spreads(impact=0.2) | (tissue or {}), chain, people=impacts, seed=3, **content)
 
 
 def prepared(dataset: Dataset) -> Prepared:
@@ -50,7 +50,7 @@ def prepared(dataset: Dataset) -> Prepared:
 
 @pytest.fixture(scope="module")
 def campaign() -> Campaign:
-    return made(200, {"noise_relative_to_peak": 0.005, **CHAIN})
+    return made(200, CHAIN)
 
 
 @pytest.fixture(scope="module")
@@ -58,69 +58,77 @@ def table(campaign: Campaign) -> pd.DataFrame:
     return bt.estimate(campaign.dataset("single"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("noise", [pytest.param(0.005, marks=pytest.mark.long), 0.1])
 def test_medians_and_intervals_are_those_of_direct_integration(noise):
     """Over a grid of log K, log C and log noise; under noise of a tenth of the peak it is skewed."""
     case = prepared(made(1, {"noise_relative_to_peak": noise, "sampling_rate_hz": 2000}).dataset("one"))
     found = single_posteriors(case)
-    priors = case.model.priors
-    own = (priors.intercept.K, priors.intercept.C, priors.noise)
+    of_tissue = (found.K, found.C)
+    middle = [np.log(one.median[0]) for one in (*of_tissue, found.sigma)]
+    middle[2] -= np.asarray(case.data.log_peak)[0]
     # Ends so far out that nothing is lost, from the posterior's own figures.
-    spread = {name: np.log1p(getattr(found, name).sd / getattr(found, name).median) for name in ("K", "C")}
-    log_peak = np.asarray(case.data.log_peak)
-    middle = [np.log(found.K.median), np.log(found.C.median), np.log(found.sigma.median) - log_peak]
-    reach = [7 * spread["K"], 7 * spread["C"], 7 * found.sigma.sd / found.sigma.median]
-    axes = [np.linspace(m - r, m + r, 41).ravel() for m, r in zip(middle, reach, strict=True)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 1, 3)
-    log_prior = sum(-(((grid[:, 0, a] - p.mean) / p.sd) ** 2) / 2 for a, p in enumerate(own))
-    twice_zeta = np.exp(grid[:, 0, 1] - (grid[:, 0, 0] + np.asarray(case.data.log_mass)) / 2)
-    log_prior = log_prior + np.log(1 / (1 + twice_zeta**2) * twice_zeta / (1 + twice_zeta))
-    density = (log_likelihoods(case.model, case.data, grid)[:, 0] + log_prior).reshape(41, 41, 41)
-    weight = np.exp(density - density.max())
-    for place, name in enumerate(("K", "C")):
-        mass = weight.sum(axis=tuple({0, 1, 2} - {place}))
-        step = axes[place][1] - axes[place][0]
-        inner = np.concatenate([[0.0], np.cumsum(mass) / mass.sum()])
-        edges = np.append(axes[place] - step / 2, axes[place][-1] + step / 2)
-        expected = np.exp(np.interp([0.05, 0.5, 0.95], inner, edges))
+    reach = [7 * np.log1p(one.sd[0] / one.median[0]) for one in of_tissue]
+    reach.append(7 * found.sigma.sd[0] / found.sigma.median[0])
+    for name, expected in quantiles_by_grid(case, middle, reach, 41).items():
         mine = getattr(found, name)
+        ends = [mine.low[0], mine.median[0], mine.high[0]]
         # Against sixteen times as many points, ends of intervals were off by 0.02 to 0.05 standard deviations
         # (root mean square over 60 impacts).
-        np.testing.assert_allclose(
-            [mine.low[0], mine.median[0], mine.high[0]], expected, atol=0.1 * mine.sd[0], err_msg=name
-        )
+        np.testing.assert_allclose(ends, expected, atol=0.1 * mine.sd[0], err_msg=name)
 
 
-@pytest.mark.slow
 def test_intervals_hold_the_truth(campaign: Campaign, table: pd.DataFrame):
-    for name, unit in UNITS.items():
-        true = campaign.truth[f"{name}_{unit}"].to_numpy()
-        held = (table[f"{name}_low_{unit}"] <= true) & (true <= table[f"{name}_high_{unit}"])
-        # Three binomial standard errors.
-        assert abs(held.mean() - 0.9) < 3 * (0.9 * 0.1 / len(table)) ** 0.5, name
-        assert np.median(np.abs(table[f"{name}_{unit}"] / true - 1)) < 0.01
+    holds(table, campaign.truth)
+    for column in COLUMNS.values():
+        assert np.median(np.abs(table[column] / campaign.truth[column] - 1)) < 0.01
     assert (table["pareto_k"] < k_threshold(POINTS)).all()
     # A flag of one sound impact in a thousand, and detectors of one in a few hundred each.
     assert (table["flags"] != "").sum() <= 5
+
+
+@pytest.mark.parametrize(
+    ("impacts", "chain", "tissue"),
+    [
+        # The likelihood has no peak in log K: its interval was missed in 56 %.
+        pytest.param(
+            200, {"noise_sd_m_s2": 0.3, "sampling_rate_hz": 5000}, DAMPED, id="a damper that hides K"
+        ),
+        # Where contact may be in several intervals, samples told the zero twice: of K 81 % were held.
+        pytest.param(
+            600,
+            {"noise_relative_to_peak": 0.03, "sampling_rate_hz": 2000}
+            | {"before_contact_s": 0.004, "offset_sd_m_s2": 2.0},
+            {},
+            id="a short quiet part in great noise",
+        ),
+        pytest.param(
+            100,
+            {"noise_relative_to_peak": 0.2, "sampling_rate_hz": 2000},
+            {},
+            id="noise of a fifth of the peak",
+            marks=pytest.mark.long,
+        ),
+    ],
+)
+def test_intervals_hold_where_little_is_told(impacts: int, chain: dict, tissue: dict):
+    campaign = made(impacts, chain, tissue)
+    posteriors = single_posteriors(prepared(campaign.dataset("little")))
+    holds(posteriors, campaign.truth)
+    assert (posteriors.pareto_k < k_threshold(POINTS)).mean() > 0.95
 
 
 def held_outcomes(campaign: Campaign, table: pd.DataFrame, gravity: float | None = None) -> pd.DataFrame:
     """Whether each outcome's interval holds what the true impact came to, and how far its median is off."""
     true = campaign.truth
     motion = true["mass_kg"].to_numpy(), true["velocity_m_s"].to_numpy()
-    parameters = {name: true[f"{name}_{unit}"].to_numpy() for name, unit in UNITS.items()}
+    parameters = {name: true[column].to_numpy() for name, column in COLUMNS.items()}
     comes = outcomes("kelvin_voigt", parameters, *motion, gravity=gravity)
+    column_of = {key: table[column].to_numpy() for column, key in OUTCOME_COLUMNS.items() if column in table}
     rows = {}
     # Without gravity along the motion it adds no share.
     for name in (one for one in OUTCOMES if gravity or one != "energy_share_with_gravity"):
         truth = np.asarray(getattr(comes, name))
-        low, median, high = (
-            table[column].to_numpy()
-            for which in ("low", "median", "high")
-            for column, key in OUTCOME_COLUMNS.items()
-            if key == (name, which)
-        )
+        low, median, high = (column_of[name, which] for which in ("low", "median", "high"))
         assert (low <= median).all(), name
         assert (median <= high).all(), name
         rows[name] = {"held": np.mean((low <= truth) & (truth <= high)), "off": np.median(median / truth - 1)}
@@ -130,40 +138,30 @@ def held_outcomes(campaign: Campaign, table: pd.DataFrame, gravity: float | None
 def test_intervals_of_outcomes_hold_what_the_true_impact_came_to(campaign: Campaign, table: pd.DataFrame):
     """Errors of mass, velocity and gain among them: velocity and gain share one column of the chain."""
     found = held_outcomes(campaign, table)
-    # Three binomial standard errors, and three of a mean of errors of 1 %.
-    assert (np.abs(found.loc["held"] - 0.9) < 3 * (0.9 * 0.1 / len(table)) ** 0.5).all(), found
+    assert (np.abs(found.loc["held"] - 0.9) < binomial(len(table))).all(), found
+    # Three standard errors of a mean of errors of 1 %.
     assert (np.abs(found.loc["off"]) < 3 * 0.01 / len(table) ** 0.5).all(), found
     assert (table["contact_duration_never"] == 0).all()
 
 
 @pytest.mark.long
 def test_intervals_of_outcomes_along_gravity_hold_what_the_true_impact_came_to():
-    dropped = made(
-        100,
-        {"noise_relative_to_peak": 0.005, **CHAIN},
-        gravity="drop",
-    )
-    table = bt.estimate(dropped.dataset("dropped"))
-    found = held_outcomes(dropped, table, 9.80665)
-    assert (np.abs(found.loc["held"] - 0.9) < 3 * (0.9 * 0.1 / len(table)) ** 0.5).all(), found
+    dropped = made(100, CHAIN, gravity="drop")
+    found = held_outcomes(dropped, bt.estimate(dropped.dataset("dropped")), 9.80665)
+    assert (np.abs(found.loc["held"] - 0.9) < binomial(100)).all(), found
 
 
-@pytest.mark.slow
 def test_intervals_of_recordings_cropped_at_contact_hold_whenever_the_first_sample_came(campaign: Campaign):
     """A recorder's clock knows nothing of contact: it came anywhere in the interval before the sample."""
     whole, contact = campaign.dataset("cropped"), campaign.truth["contact_time_s"].to_numpy()
     traces = []
     for trace, time in zip(whole.traces, contact, strict=True):
         after = trace.time_s >= time
-        traces.append(
-            replace(trace, time_s=trace.time_s[after] - trace.time_s[after][0], value=trace.value[after])
-        )
+        since = trace.time_s[after] - trace.time_s[after][0]
+        traces.append(replace(trace, time_s=since, value=trace.value[after]))
     table = bt.estimate(replace(whole, traces=traces))
-    for name, unit in UNITS.items():
-        true = campaign.truth[f"{name}_{unit}"].to_numpy()
-        held = (table[f"{name}_low_{unit}"] <= true) & (true <= table[f"{name}_high_{unit}"])
-        # Three binomial standard errors below nine tenths; what is known of contact may make it more.
-        assert held.mean() > 0.9 - 3 * (0.9 * 0.1 / len(table)) ** 0.5, name
+    # What is known of contact may make it more than nine tenths.
+    holds(table, campaign.truth, least=0.9 - binomial(len(table)))
 
 
 def test_the_row_is_that_of_one_oscillator(table: pd.DataFrame):
@@ -177,7 +175,6 @@ def test_the_row_is_that_of_one_oscillator(table: pd.DataFrame):
     assert table["sigma_a"].isna().all()
 
 
-@pytest.mark.slow
 def test_an_impact_alone_has_the_same_row(campaign: Campaign, table: pd.DataFrame):
     whole = campaign.dataset("single")
     one = replace(whole, impacts=whole.impacts.iloc[[7]].reset_index(drop=True), traces=whole.traces[7:8])
@@ -190,7 +187,7 @@ def test_an_impact_alone_has_the_same_row(campaign: Campaign, table: pd.DataFram
 
 
 def test_a_headform_s_impacts_have_the_head_injury_criterion(table: pd.DataFrame):
-    hit = made(FEW, {"noise_relative_to_peak": 0.005}, headform=True)
+    hit = made(FEW, QUIET, headform=True)
     found = bt.estimate(hit.dataset("headform"))
     for name in ("HIC15", "HIC36"):
         true = hit.truth[name].to_numpy()
@@ -202,12 +199,9 @@ def test_a_headform_s_impacts_have_the_head_injury_criterion(table: pd.DataFrame
     assert not any(name.startswith("HIC") for name in table)
 
 
-@pytest.mark.slow
 def test_it_says_how_far_it_is():
     said = []
-    bt.estimate(
-        made(FEW, {"noise_relative_to_peak": 0.005}).dataset("told"), say=lambda *told: said.append(told)
-    )
+    bt.estimate(made(FEW, QUIET).dataset("told"), say=lambda *told: said.append(told))
     stages = list(dict.fromkeys(stage for stage, *_ in said))
     assert stages[:3] == [
         "each impact's first guess",
@@ -231,16 +225,15 @@ def test_the_mass_is_as_sure_as_the_dataset_says(campaign: Campaign):
     np.testing.assert_array_equal(with_errors["zeta"], without["zeta"])
 
 
-@pytest.mark.slow
 def test_a_trace_of_another_law_is_flagged():
     tissue = {"element": "stiffening", "parameters": {"stiffening_depth_m": 0.02}}
-    table = bt.estimate(made(FEW, {"noise_relative_to_peak": 0.002}, **tissue).dataset("stiffening"))
+    table = bt.estimate(made(FEW, {"noise_relative_to_peak": 0.002}, tissue).dataset("stiffening"))
     assert table["flags"].str.contains(STRUCTURED).all()
 
 
 def test_what_the_recording_does_not_tell_is_empty_and_flagged(monkeypatch):
     """An interval over a decade is no estimate, and neither is the point that a search began at."""
-    data = made(FEW, {"noise_relative_to_peak": 0.005}).dataset("untold")
+    data = made(FEW, QUIET).dataset("untold")
     real = single_estimates.single_posteriors
 
     def spoilt(prepared, _say):
@@ -270,7 +263,7 @@ def test_what_the_recording_does_not_tell_is_empty_and_flagged(monkeypatch):
 
 def test_where_most_of_a_trial_do_not_tell_K_the_others_are_flagged(monkeypatch):
     """They are those whose noise made their interval narrow; another trial's are not concerned."""
-    data = made(FEW, {"noise_relative_to_peak": 0.005}).dataset("selected")
+    data = made(FEW, QUIET).dataset("selected")
     data = replace(data, impacts=data.impacts.assign(trial=list("aaaabbbb")))
     real = single_estimates.single_posteriors
     untold = np.isin(np.arange(FEW), [0, 1, 2, 4, 5])
@@ -301,28 +294,21 @@ def test_what_it_cannot_do_is_refused(campaign: Campaign):
         bt.estimate(dataset, method="best")
 
 
+STIFF = {"K_N_per_m": 32_000.0, "C_N_s_per_m": 60.0, **spreads(impact=0.1)}
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("recorder", [{"low_pass_hz": 500.0}, {"sae_class": 180}])
 def test_behind_a_declared_low_pass_intervals_hold_and_without_it_c_is_lost(recorder):
-    content = {
-        "name": "behind",
-        "seed": 6,
-        "design": {"conditions": [{"trial": "a", "mass_kg": 0.6, "velocity_m_s": 1.5}], "subjects": 32},
-        "tissue": {"K_N_per_m": 32000.0, "C_N_s_per_m": 60.0, "sd_impact_K": 0.1, "sd_impact_C": 0.1},
-        "recording": {"noise_relative_to_peak": 0.005},
-        "recorder": recorder,
-    }
-    campaign = simulate(Simulation.model_validate(content))
-    data = campaign.dataset("behind")
+    campaign = simulated(STIFF, people=32, masses=[0.6], seed=6, recorder=recorder)
+    data, truth = campaign.dataset("behind"), campaign.truth
     declared, undeclared = bt.estimate(data), bt.estimate(data.with_settings(recorder=None))
-    for name, unit in (("K", "N_per_m"), ("C", "N_s_per_m")):
-        true = campaign.truth[f"{name}_{unit}"]
-        low, high = (declared[f"{name}_{end}_{unit}"] for end in ("low", "high"))
-        # Nine in ten, and three standard errors of 32.
-        assert ((low <= true) & (true <= high)).mean() > 0.9 - 3 * np.sqrt(0.9 * 0.1 / 32)
+    holds(declared, truth, least=0.9 - binomial(32))
+    for name, unit in UNITS.items():
+        true = truth[f"{name}_{unit}"]
         z = np.log(declared[f"{name}_{unit}"] / true) / (declared[f"{name}_se_{unit}"] / true)
         assert abs(z.mean()) < 4 / np.sqrt(32)
-    assert (undeclared["C_high_N_s_per_m"] < campaign.truth["C_N_s_per_m"]).all()
+    assert (undeclared["C_high_N_s_per_m"] < truth["C_N_s_per_m"]).all()
 
 
 @pytest.mark.long
@@ -333,62 +319,10 @@ def test_behind_a_declared_low_pass_intervals_hold_and_without_it_c_is_lost(reco
 )
 def test_intervals_hold_where_noise_went_through_the_filter(recorder: dict):
     """Nothing is said of where it entered: the quiet parts before contact tell."""
-    content = {
-        "name": "smooth",
-        "seed": 5,
-        "design": {
-            "conditions": [{"trial": "a", "mass_kg": 0.6, "velocity_m_s": 1.5}],
-            "subjects": 80,
-        },
-        "tissue": {"K_N_per_m": 32_000.0, "C_N_s_per_m": 60.0, "sd_impact_K": 0.1, "sd_impact_C": 0.1},
-        "recording": {"noise_relative_to_peak": 0.005},
-        "recorder": {**recorder, "noise": "before"},
-    }
-    found = simulate(Simulation.model_validate(content))
+    found = simulated(STIFF, people=80, masses=[0.6], seed=5, recorder={**recorder, "noise": "before"})
     data = found.dataset("smooth")
     assert data.recorder is not None
     table = bt.estimate(data.with_settings(recorder=data.recorder.model_copy(update={"noise": None})))
-    for name, unit in UNITS.items():
-        true = found.truth[f"{name}_{unit}"].to_numpy()
-        held = (table[f"{name}_low_{unit}"] <= true) & (true <= table[f"{name}_high_{unit}"])
-        # Three binomial standard errors; with the noise taken for white a quarter holds.
-        assert abs(held.mean() - 0.9) < 3 * (0.9 * 0.1 / len(table)) ** 0.5, name
+    # With the noise taken for white a quarter holds.
+    holds(table, found.truth)
     assert (table["flags"] != "").mean() < 0.05
-
-
-@pytest.mark.slow
-def test_intervals_hold_where_a_strong_damper_hides_the_spring():
-    """At a damping ratio of 4 the likelihood has no peak in log K: its interval was missed in 56 %."""
-    damping = {"C_N_s_per_m": 8 * (3000 * 0.7) ** 0.5, "sd_impact_K": 0.0, "sd_impact_C": 0.0}
-    chain = {"noise_sd_m_s2": 0.3, "sampling_rate_hz": 5000}
-    campaign = made(200, chain, **damping)
-    posteriors = single_posteriors(prepared(campaign.dataset("damped")))
-    for name, unit in UNITS.items():
-        true, found = campaign.truth[f"{name}_{unit}"].to_numpy(), getattr(posteriors, name)
-        held = (found.low <= true) & (true <= found.high)
-        # Three binomial standard errors.
-        assert abs(held.mean() - 0.9) < 3 * (0.9 * 0.1 / len(held)) ** 0.5, name
-    assert (posteriors.pareto_k < k_threshold(POINTS)).mean() > 0.95
-
-
-def test_intervals_hold_behind_a_short_quiet_part_in_great_noise():
-    """Where contact may be in several intervals, samples told the zero twice: of K 81 % were held."""
-    chain = {"noise_relative_to_peak": 0.03, "sampling_rate_hz": 2000, "before_contact_s": 0.004}
-    campaign = made(600, {**chain, "offset_sd_m_s2": 2.0})
-    table = bt.estimate(campaign.dataset("short"))
-    for name, unit in UNITS.items():
-        true = campaign.truth[f"{name}_{unit}"].to_numpy()
-        held = (table[f"{name}_low_{unit}"] <= true) & (true <= table[f"{name}_high_{unit}"])
-        # Three binomial standard errors.
-        assert abs(held.mean() - 0.9) < 3 * (0.9 * 0.1 / len(held)) ** 0.5, name
-
-
-@pytest.mark.long
-def test_intervals_hold_under_noise_of_a_fifth_of_the_peak():
-    campaign = made(100, {"noise_relative_to_peak": 0.2, "sampling_rate_hz": 2000})
-    posteriors = single_posteriors(prepared(campaign.dataset("noisy")))
-    for name, unit in UNITS.items():
-        true, found = campaign.truth[f"{name}_{unit}"].to_numpy(), getattr(posteriors, name)
-        held = (found.low <= true) & (true <= found.high)
-        # Three binomial standard errors.
-        assert abs(held.mean() - 0.9) < 3 * (0.9 * 0.1 / len(held)) ** 0.5, name
