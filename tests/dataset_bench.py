@@ -16,21 +16,23 @@ from bayestissue.recordings.dataset.dataset_file import Settings, content_of, pa
 STIFFNESS, DAMPING, RATE, SAMPLES = 3000.0, 25.0, 10_000.0, 400
 
 
+def closed_form(time: np.ndarray, mass: float, velocity: float, K: float, C: float) -> np.ndarray:
+    """The deceleration by a spring and damper that are met at 0, (K x + C v) / M where that is above 0."""
+    since, frequency, ratio = np.maximum(time, 0), np.sqrt(K / mass), C / (2 * np.sqrt(K * mass))
+    damped = frequency * np.sqrt(1 - ratio**2)
+    decay = velocity * np.exp(-ratio * frequency * since)
+    x = decay / damped * np.sin(damped * since)
+    v = decay * (np.cos(damped * since) - ratio * frequency / damped * np.sin(damped * since))
+    return np.where(time >= 0, np.maximum(K * x + C * v, 0), 0) / mass
+
+
 def deceleration(
     mass: float, velocity: float, late: float = 0.0, *, K: float = STIFFNESS, C: float = DAMPING
 ) -> tuple[np.ndarray, np.ndarray]:
     """A spring and damper met 5 ms and ``late`` after the recording begins, with a little noise; SI units."""
     time = np.arange(SAMPLES) / RATE - 0.005
-    since = np.maximum(time - late, 0)
-    frequency = np.sqrt(K / mass)
-    ratio = C / (2 * np.sqrt(K * mass))
-    damped = frequency * np.sqrt(1 - ratio**2)
-    decay = velocity * np.exp(-ratio * frequency * since)
-    x = decay / damped * np.sin(damped * since)
-    v = decay * (np.cos(damped * since) - ratio * frequency / damped * np.sin(damped * since))
-    force = np.where(time >= late, np.maximum(K * x + C * v, 0), 0)
     noise = np.random.default_rng(int(1e6 * mass)).normal(0, 0.05, SAMPLES)
-    return time.round(9), (force / mass + noise).round(4)
+    return time.round(9), (closed_form(time - late, mass, velocity, K, C) + noise).round(4)
 
 
 @dataclass

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,8 @@ import xarray as xr
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.study import Study
+from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
+from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.design import Design, build_design
 from bayestissue.model.hierarchy.recorded import Recorded
 from bayestissue.model.hierarchy.specification import Formulas
@@ -60,3 +62,40 @@ def contrasts(
     """Every contrast of what was recorded."""
     of = replace(of, formulas={q: of.formulas[q] for q in responses})
     return contrasts_table(Contrasts(Study(draws, of, law or Law(described=False))), equivalence)
+
+
+def normal_draws(
+    seed: int,
+    sd: float,
+    values: Mapping[str, float | Sequence[float]],
+    shape: tuple[int, int] = (2, 500),
+    **levels: tuple[str, Sequence[str]],
+) -> xr.Dataset:
+    """Independent normal draws about ``values``, those of a list along the dimension of ``levels``."""
+    rng, found = np.random.default_rng(seed), {}
+    for name, value in values.items():
+        at = np.asarray(value, float)
+        dims = ("chain", "draw", *([levels[name][0]] if name in levels else []))
+        found[name] = (dims, at + sd * rng.standard_normal((*shape, *at.shape)))
+    return xr.Dataset(found, {"chain": range(shape[0]), "draw": range(shape[1]), **dict(levels.values())})
+
+
+def labelled_draws(design: Design, population: Mapping[str, np.ndarray]) -> xr.Dataset:
+    """What follows from draws of coefficients, spreads and effects, with its names, levels and units."""
+    values = derived.formula_quantities(design, population)
+    values |= derived.level_quantities(design, values)
+    return labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
+
+
+def any_draws(design: Design, rng: np.random.Generator, shape: tuple[int, int]) -> xr.Dataset:
+    """Such draws from standard normals; impacts do not scatter, so that a predicted one is expected."""
+    population: dict[str, np.ndarray] = {"residual_correlation": np.zeros(shape)}
+    for q, part in design.responses.items():
+        population |= {name: rng.normal(size=shape) for name in (f"intercept_{q}", f"mass_exponent_{q}")}
+        population[f"covariate_effect_{q}"] = rng.normal(size=(*shape, len(part.names)))
+        population[f"sd_impact_{q}"] = np.zeros(shape)
+        for term in part.terms:
+            levels = len(design.groupings[term.grouping].levels)
+            population[term.sd(q)] = rng.uniform(size=shape)
+            population[term.effect(q)] = rng.normal(size=(*shape, levels))
+    return labelled_draws(design, population)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
-from bayestissue.model.hierarchy import derived
-from designs import design_of, impacts
+from designs import design_of, impacts, labelled_draws
 
 SHAPE = (2, 100)
 
@@ -34,7 +32,4 @@ def study_with_sides(
             levels = len(design.groupings[term.grouping].levels)
             population[term.sd(q)] = np.full(SHAPE, 0.2)
             population[term.effect(q)] = 0.2 * rng.standard_normal((*SHAPE, levels))
-    values = derived.formula_quantities(design, population)
-    values |= derived.level_quantities(design, values)
-    draws = labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
-    return Study(draws, design.recorded)
+    return Study(labelled_draws(design, population), design.recorded)

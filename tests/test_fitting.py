@@ -83,12 +83,6 @@ def test_questions_in_a_list_are_refused_by_name(fitted):
         fitted.ask(["K > 3000"])
 
 
-def test_a_fit_hands_out_its_posterior_summary_and_diagnostics(fitted):
-    assert "posterior" in fitted.posterior.children
-    assert "mass_exponent_K" in set(fitted.summary["variable"])
-    assert fitted.diagnostics["passed"] is True
-
-
 def test_a_fit_hands_out_comparisons_reliability_and_agreement(fitted, tmp_path):
     assert "p_equivalent" in fitted.contrasts
     assert {"ICC(C,1)", "ICC(A,1)"} <= set(fitted.reliability["form"])

@@ -7,7 +7,7 @@ import os
 import stat
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from bayestissue.base.results.files import whole_file
 from bayestissue.base.results.manifest import require_free, require_place
 from bayestissue.base.results.output_folder import GO_ON, claim
 
+MARK = ".bayestissue.json"
+
 
 @contextmanager
 def results_at(out: Path, *, overwrite: bool = False, inputs: tuple[Path, ...] = ()) -> Iterator[Path]:
@@ -26,9 +28,9 @@ def results_at(out: Path, *, overwrite: bool = False, inputs: tuple[Path, ...] =
         yield folder
 
 
-def write(out: Path, text: str, *, overwrite: bool = False) -> None:
+def write(out: Path, text: str = "old", *, overwrite: bool = False, name: str = "table.csv") -> None:
     with results_at(out, overwrite=overwrite) as folder:
-        (folder / "table.csv").write_text(text)
+        (folder / name).write_text(text)
 
 
 def names(folder: Path) -> list[str]:
@@ -39,6 +41,15 @@ def names(folder: Path) -> list[str]:
 def parts_of(job: str, out: Path) -> Iterator[Path]:
     with claim(out, command="fit") as place, place.unfinished(job) as parts:
         yield parts
+
+
+def left_half_way(job: str, out: Path) -> pytest.ExceptionInfo[RuntimeError]:
+    """A job that fails when it has finished a part of it, and half of another."""
+    with pytest.raises(RuntimeError) as raised, parts_of(job, out) as parts:  # noqa: PT012 - it fails half way
+        (parts / "segment").write_text("1")
+        (parts / ".segment.partial-0123abcd").write_text("half")
+        raise RuntimeError
+    return raised
 
 
 def refused(out: Path, **options: object) -> str:
@@ -54,35 +65,31 @@ def test_a_finished_folder_takes_its_name_and_leaves_nothing_beside_it(tmp_path:
         assert not out.exists()
     assert (out / "a.csv").read_text() == "x\n1\n"
     assert names(out.parent) == ["run"]
-    assert json.loads((out / ".bayestissue.json").read_text())["sha256"].keys() == {"a.csv"}
+    assert json.loads((out / MARK).read_text())["sha256"].keys() == {"a.csv"}
 
 
 @pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt, SystemExit])
-def test_a_failure_inside_leaves_neither_folder_nor_staging(
-    tmp_path: Path, failure: type[BaseException]
+@pytest.mark.parametrize("earlier", [False, True])
+def test_a_failure_inside_leaves_everything_as_it_was(
+    tmp_path: Path, failure: type[BaseException], earlier: bool
 ) -> None:
-    with pytest.raises(failure), results_at(tmp_path / "deep" / "run") as folder:  # noqa: PT012 - it fails half way
-        (folder / "half.csv").write_text("half")
+    out = tmp_path / ("run" if earlier else "deep/run")
+    if earlier:
+        write(out)
+    with pytest.raises(failure), results_at(out, overwrite=earlier) as folder:  # noqa: PT012 - it fails half way
+        (folder / "table.csv").write_text("half")
         raise failure
-    assert list(tmp_path.iterdir()) == []
+    assert names(tmp_path) == ["run"] * earlier
+    assert not earlier or (out / "table.csv").read_text() == "old"
 
 
-def test_a_failed_replacement_leaves_the_old_results_as_they_were(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["other.csv", "dataset.toml"])
+def test_overwriting_replaces_the_whole_folder(tmp_path: Path, name: str) -> None:
+    """Also of a dataset that `simulate` wrote."""
     out = tmp_path / "run"
-    write(out, "old")
-    with pytest.raises(RuntimeError), results_at(out, overwrite=True) as folder:  # noqa: PT012 - it fails half way
-        (folder / "table.csv").write_text("new")
-        raise RuntimeError
-    assert (out / "table.csv").read_text() == "old"
-    assert names(tmp_path) == ["run"]
-
-
-def test_overwriting_replaces_the_whole_folder(tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    with results_at(out) as folder:
-        (folder / "other.csv").write_text("old")
+    write(out, 'name = "simulated"', name=name)
     write(out, "new", overwrite=True)
-    assert names(out) == [".bayestissue.json", "table.csv"]
+    assert names(out) == [MARK, "table.csv"]
     assert names(tmp_path) == ["run"]
 
 
@@ -100,7 +107,7 @@ def test_earlier_results_are_never_lost_where_a_rename_fails(
             raise OSError(5, "Input/output error")
         return rename(self, target)
 
-    write(out, "old")
+    write(out)
     with monkeypatch.context() as patched:
         patched.setattr(Path, "rename", spoilt)
         with pytest.raises(OSError, match="Input/output error"):
@@ -112,7 +119,7 @@ def test_earlier_results_are_never_lost_where_a_rename_fails(
 def test_old_results_that_a_killed_command_was_replacing_come_back(tmp_path: Path) -> None:
     """As a kill between the two renames leaves it: the old results aside, the new ones without their name."""
     out = tmp_path / "run"
-    write(out, "old")
+    write(out)
     out.rename(tmp_path / ".run.replaced")
     (tmp_path / ".run.partial").mkdir()
     with pytest.raises(InputError, match="--overwrite"):
@@ -121,120 +128,81 @@ def test_old_results_that_a_killed_command_was_replacing_come_back(tmp_path: Pat
     assert names(tmp_path) == ["run"]
 
 
-def test_old_results_that_a_killed_command_had_replaced_go(tmp_path: Path) -> None:
-    """As a kill while they are removed leaves them."""
-    out, replaced = tmp_path / "run", tmp_path / ".run.replaced"
-    write(replaced, "old")
-    (replaced / ".bayestissue.json").write_text('{"unfinished": true}')
-    write(out, "new")
-    assert (out / "table.csv").read_text() == "new"
+@pytest.mark.parametrize("state", ["replaced", "not marked yet", "whole", "half removed"])
+def test_what_a_killed_command_left_is_removed_in_whatever_state(tmp_path: Path, state: str) -> None:
+    left = tmp_path / f".run.{'replaced' if state == 'replaced' else 'partial'}"
+    if state == "not marked yet":
+        left.mkdir()
+    else:
+        write(left)
+    if state == "replaced":
+        (left / MARK).write_text('{"unfinished": true}')
+    if state == "half removed":
+        (left / "table.csv").unlink()
+    write(tmp_path / "run", "new")
+    assert (tmp_path / "run" / "table.csv").read_text() == "new"
     assert names(tmp_path) == ["run"]
 
 
-def test_a_full_folder_is_refused_before_the_block_runs(tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    write(out, "old")
-    with pytest.raises(InputError, match="--overwrite"), results_at(out):
-        pytest.fail("the block must not run")
-    assert names(tmp_path) == ["run"]
-
-
-def test_an_empty_folder_is_free_and_a_file_never_is(tmp_path: Path) -> None:
+def test_an_empty_folder_is_free_and_a_full_one_and_a_file_are_not(tmp_path: Path) -> None:
     require_free(tmp_path, overwrite=False)
-    file = tmp_path / "file"
+    file, run = tmp_path / "file", tmp_path / "run"
     file.write_text("")
+    write(run)
+    with pytest.raises(InputError, match="--overwrite"), results_at(run):
+        pytest.fail("the block must not run")
     with pytest.raises(InputError, match="a file"):
         require_free(file, overwrite=True)
     assert "a file above it" in refused(file / "run")
     assert "too long" in refused(tmp_path / ("n" * 250))
-    assert names(tmp_path) == ["file"]
+    assert names(tmp_path) == ["file", "run"]
 
 
-def a_dataset(out: Path) -> str:
-    out.mkdir()
-    (out / "dataset.toml").write_text('name = "mine"')
-    return "a dataset"
+MINE = 'name = "mine"'
+UNMARKED = "nothing that says that bayestissue wrote it"
+# What was written as results, what came to it, and what is found; None is a link.
+NOT_OURS: dict[str, tuple[dict[str, str], dict[str, str | None], str]] = {
+    "a dataset": ({}, {"dataset.toml": MINE}, "a dataset"),
+    "a note beside": ({"table.csv": "old"}, {"note.txt": "mine"}, "note.txt"),
+    "a dataset below": ({"table.csv": "old"}, {"data/dataset.toml": MINE}, "data/"),
+    "a link": ({"table.csv": "old"}, {"posterior.nc": None}, "posterior.nc (a link)"),
+    "someone else's": ({}, {"run.json": '{"program": "another"}'}, UNMARKED),
+    "recordings in a simulated dataset": (
+        {"dataset.toml": MINE, "traces.csv": "simulated"},
+        {"traces.csv": "recorded!"},
+        "a dataset that was changed",
+    ),
+    "of a version without marks": (
+        {},
+        {"run.json": '{"program": "bayestissue 0.1.0"}', "estimates.csv": ""},
+        UNMARKED,
+    ),
+    "a dataset of a version that had one hash for all": (
+        {"dataset.toml": MINE},
+        {MARK: '{"program": "bayestissue", "files": {"dataset.toml": 1}, "content_hash": "0"}'},
+        "a dataset",
+    ),
+}
 
 
-def results_and_a_note(out: Path) -> str:
-    write(out, "old")
-    (out / "note.txt").write_text("mine")
-    return "note.txt"
-
-
-def results_and_a_dataset_below(out: Path) -> str:
-    write(out, "old")
-    (out / "data").mkdir()
-    (out / "data" / "dataset.toml").write_text('name = "mine"')
-    return "data/"
-
-
-def results_and_a_link(out: Path) -> str:
-    write(out, "old")
-    (out / "posterior.nc").symlink_to(out.parent)
-    return "posterior.nc (a link)"
-
-
-def someone_elses(out: Path) -> str:
-    out.mkdir()
-    (out / "run.json").write_text('{"program": "another"}')
-    return "nothing that says that bayestissue wrote it"
-
-
-def a_simulated_dataset_with_recordings_put_in(out: Path) -> str:
-    with results_at(out) as folder:
-        (folder / "dataset.toml").write_text('name = "simulated"')
-        (folder / "traces.csv").write_text("simulated")
-    (out / "traces.csv").write_text("recorded!")
-    return "a dataset that was changed"
-
-
-def earlier_results(out: Path) -> str:
-    """As a version without marks wrote them."""
-    out.mkdir()
-    (out / "run.json").write_text('{"program": "bayestissue 0.1.0", "command": "estimate"}')
-    (out / "estimates.csv").write_text("")
-    return "nothing that says that bayestissue wrote it"
-
-
-def an_earlier_dataset(out: Path) -> str:
-    """As a version wrote it that had one hash for all."""
-    with results_at(out) as folder:
-        (folder / "dataset.toml").write_text('name = "simulated"')
-    mark = json.loads((out / ".bayestissue.json").read_text())
-    mark["files"], mark["content_hash"] = dict.fromkeys(mark.pop("sha256"), 1), "0"
-    (out / ".bayestissue.json").write_text(json.dumps(mark))
-    return "a dataset"
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        a_dataset,
-        results_and_a_note,
-        results_and_a_dataset_below,
-        results_and_a_link,
-        someone_elses,
-        a_simulated_dataset_with_recordings_put_in,
-        earlier_results,
-        an_earlier_dataset,
-    ],
-)
+@pytest.mark.parametrize(("written", "came", "found"), NOT_OURS.values(), ids=list(NOT_OURS))
 def test_overwrite_replaces_nothing_that_the_program_did_not_write(
-    tmp_path: Path, make: Callable[[Path], str]
+    tmp_path: Path, written: dict[str, str], came: dict[str, str | None], found: str
 ) -> None:
     out = tmp_path / "run"
-    found = make(out)
+    if written:
+        with results_at(out) as folder:
+            for name, text in written.items():
+                (folder / name).write_text(text)
+    for name, content in came.items():
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        if content is None:
+            (out / name).symlink_to(tmp_path)
+        else:
+            (out / name).write_text(content)
     before = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*"))
     assert found in refused(out)
     assert sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*")) == before
-
-
-def test_overwrite_replaces_what_simulate_wrote(tmp_path: Path) -> None:
-    for _ in range(2):
-        with results_at(tmp_path / "simulated", overwrite=True) as folder:
-            (folder / "dataset.toml").write_text('name = "simulated"')
-    assert names(tmp_path) == ["simulated"]
 
 
 def test_committed_results_can_be_replaced() -> None:
@@ -336,11 +304,7 @@ def test_what_took_the_name_meanwhile_stays(tmp_path: Path, overwrite: bool) -> 
 
 def test_parts_of_a_job_wait_for_the_next_run_of_the_same_job(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    with pytest.raises(RuntimeError) as raised, parts_of("one", out) as parts:  # noqa: PT012 - it fails half way
-        (parts / "segment").write_text("1")
-        (parts / ".segment.partial-0123abcd").write_text("half")
-        raise RuntimeError
-    assert raised.value.__notes__ == [GO_ON]
+    assert left_half_way("one", out).value.__notes__ == [GO_ON]
     with parts_of("one", out) as parts:
         assert names(parts) == ["segment"]
         assert "one" in str(parts)
@@ -348,12 +312,10 @@ def test_parts_of_a_job_wait_for_the_next_run_of_the_same_job(tmp_path: Path) ->
 
 
 def test_parts_of_another_job_are_not_taken_for_ones_own(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), parts_of("one", tmp_path / "run") as parts:  # noqa: PT012 - it fails half way
-        (parts / "segment").write_text("1")
-        raise RuntimeError
+    left_half_way("one", tmp_path / "run")
     with parts_of("two", tmp_path / "run") as parts:
         assert names(parts) == []
-        assert names(parts.parent) == [".bayestissue.json", "two"]
+        assert names(parts.parent) == [MARK, "two"]
 
 
 def test_without_parts_nothing_is_left_and_nothing_promised(tmp_path: Path) -> None:
@@ -398,75 +360,48 @@ def test_a_whole_file_appears_only_when_its_block_ends_well(tmp_path: Path) -> N
     assert path.read_text() == "whole"
 
 
-def a_persons_own(folder: Path) -> Path:
-    folder.mkdir(parents=True)
-    (folder / "thesis.txt").write_text("mine")
-    return folder
-
-
 @pytest.mark.parametrize("linked", [True, False])
-@pytest.mark.parametrize("inside", ["", "one"])
-def test_what_no_job_left_is_refused_where_parts_go_and_stays(
-    tmp_path: Path, linked: bool, inside: str
+@pytest.mark.parametrize(
+    ("beside", "inside"),
+    [
+        ("unfinished", "thesis.txt"),
+        ("unfinished", "one/thesis.txt"),
+        ("partial", "thesis.txt"),
+        ("replaced", "thesis.txt"),
+        ("lock", ""),
+    ],
+)
+def test_what_no_command_left_beside_results_is_refused_and_stays(
+    tmp_path: Path, beside: str, inside: str, linked: bool
 ) -> None:
-    """Links and a person's own folders, whatever they are called."""
-    out, parts = tmp_path / "run", tmp_path / ".run.unfinished"
-    mine = a_persons_own((tmp_path / "mine" if linked else parts) / inside)
+    """Links and a person's own, whatever they are called."""
+    place, mine = tmp_path / f".run.{beside}", tmp_path / "mine"
+    own = (mine if linked else place) / inside
+    own.parent.mkdir(parents=True, exist_ok=True)
+    own.write_text("mine")
     if linked:
-        parts.symlink_to(tmp_path / "mine")
+        place.symlink_to(mine)
     with (
         pytest.raises(InputError, match="a link" if linked else "no command") as raised,
-        parts_of("one", out),
+        claim(tmp_path / "run", overwrite=True, command="fit") as claimed,
+        claimed.unfinished("one"),
+        claimed.folder(),
     ):
         pytest.fail("the block must not run")
     assert raised.value.problems[0].code == "out-taken"
-    assert names(mine) == ["thesis.txt"]
+    assert own.read_text() == "mine"
+    assert place.is_symlink() == linked
 
 
 def test_links_among_parts_are_removed_and_not_what_they_lead_to(tmp_path: Path) -> None:
-    out, mine = tmp_path / "run", a_persons_own(tmp_path / "mine")
-    with pytest.raises(RuntimeError), parts_of("one", out) as parts:  # noqa: PT012 - it fails half way
-        (parts / "segment").write_text("1")
-        raise RuntimeError
-    (parts.parent / "two").symlink_to(mine)
-    (parts.parent / "three").symlink_to(mine)
+    out, mine = tmp_path / "run", tmp_path / "mine"
+    mine.mkdir()
+    (mine / "thesis.txt").write_text("mine")
+    left_half_way("one", out)
+    for name in ("two", "three"):
+        (tmp_path / ".run.unfinished" / name).symlink_to(mine)
     with parts_of("two", out) as parts:
         assert names(parts) == []
         (parts / "thesis.txt").write_text("a part")
     assert names(tmp_path) == ["mine"]
     assert (mine / "thesis.txt").read_text() == "mine"
-
-
-@pytest.mark.parametrize("kind", ["partial", "replaced"])
-@pytest.mark.parametrize("linked", [True, False])
-def test_a_persons_own_beside_results_is_refused_and_stays(tmp_path: Path, kind: str, linked: bool) -> None:
-    out, beside = tmp_path / "run", tmp_path / f".run.{kind}"
-    mine = a_persons_own(tmp_path / "mine" if linked else beside)
-    if linked:
-        beside.symlink_to(mine)
-    assert "a link" if linked else "no command" in refused(out)
-    assert names(mine) == ["thesis.txt"]
-    assert beside.is_symlink() == linked
-
-
-@pytest.mark.parametrize("linked", [True, False])
-def test_a_lock_is_no_file_of_a_person(tmp_path: Path, linked: bool) -> None:
-    lock, mine = tmp_path / ".run.lock", tmp_path / "mine"
-    (mine if linked else lock).write_text("mine")
-    if linked:
-        lock.symlink_to(mine)
-    assert "a link" if linked else "no command" in refused(tmp_path / "run")
-    assert lock.read_text() == "mine"
-
-
-@pytest.mark.parametrize("state", ["not marked yet", "whole", "half removed"])
-def test_what_a_killed_command_left_is_removed_in_whatever_state(tmp_path: Path, state: str) -> None:
-    partial = tmp_path / ".run.partial"
-    if state == "not marked yet":
-        partial.mkdir()
-    else:
-        write(partial, "old")
-    if state == "half removed":
-        (partial / "table.csv").unlink()
-    write(tmp_path / "run", "new")
-    assert names(tmp_path) == ["run"]

@@ -6,17 +6,17 @@ import json
 import socket
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.recordings.dataset.write import write_dataset
 from bayestissue.studies.bench.server import HOST, application, configured
-from dataset_bench import deceleration
+from dataset_bench import samples_of
 from make_fit_run import CONDITIONS, MASS, PEOPLE, make_fit_run
 
 TOKEN = "a-token-of-this-test"  # noqa: S105 - of nothing
@@ -26,27 +26,10 @@ SETTINGS = {"name": "made up", "signal": {"quantity": "deceleration", "unit": "m
 def run_and_dataset(folder: Path) -> tuple[Path, Path]:
     """A run whose ``run.json`` says that it is of a dataset beside it, of the same impacts."""
     run, dataset = make_fit_run(folder / "run", two_sides=True), folder / "set"
-    rows = [
-        {
-            "impact": f"t{c}-s{p}",
-            "subject": f"s{p}",
-            "trial": f"t{c}",
-            "mass_kg": MASS[c],
-            "velocity_m_s": 1.5,
-        }
-        for c in range(CONDITIONS)
-        for p in range(PEOPLE)
-    ]
-    parts = {row["impact"]: deceleration(row["mass_kg"], 1.5) for row in rows}
-    traces = pd.DataFrame(
-        {
-            "impact": np.repeat(list(parts), [len(time) for time, _ in parts.values()]),
-            "time_s": np.concatenate([time for time, _ in parts.values()]),
-            "value": np.concatenate([value for _, value in parts.values()]),
-        }
-    )
+    cells = [(f"t{c}-s{p}", f"s{p}", f"t{c}", MASS[c], 1.5) for c in range(CONDITIONS) for p in range(PEOPLE)]
+    impacts = pd.DataFrame(cells, columns=["impact", "subject", "trial", "mass_kg", "velocity_m_s"])
     write_dataset(
-        dataset, settings=SETTINGS, impacts=pd.DataFrame(rows), traces=traces, trace_file="traces.csv"
+        dataset, settings=SETTINGS, impacts=impacts, traces=samples_of(impacts), trace_file="traces.csv"
     )
     about = json.loads((run / "run.json").read_text())
     about |= {"dataset_folder": "../set", "whole_hash": read_dataset(dataset).whole_hash}
@@ -73,3 +56,34 @@ def served(view: Any) -> Iterator[int]:
 
 def address(port: int, path: str = "", token: str = TOKEN) -> str:
     return f"http://{HOST}:{port}/{path}{'&' if '?' in path else '?'}token={token}"
+
+
+class Client:
+    """A browser's part of a connection."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+        self.cookie = f"bayestissue-{port}={TOKEN}"
+        self.opened = ExitStack()
+
+    def ask(
+        self, path: str, method: str = "GET", body: str | None = None, **headers: str | None
+    ) -> HTTPResponse:
+        sent = {"Host": f"{HOST}:{self.port}", "Cookie": self.cookie} | headers
+        connection = self.opened.enter_context(closing(HTTPConnection(HOST, self.port, timeout=20)))
+        connection.putrequest(method, path, skip_host=True)
+        if body is not None:
+            connection.putheader("Content-Length", str(len(body.encode())))
+        for name, value in sent.items():
+            if value is not None:
+                connection.putheader(name, value)
+        connection.endheaders(body.encode() if body is not None else None)
+        return self.opened.enter_context(closing(connection.getresponse()))
+
+    def post(self, action: str, body: str, **headers: str | None) -> HTTPResponse:
+        return self.ask(f"/act/{action}", "POST", body, **{"Origin": f"http://{HOST}:{self.port}", **headers})
+
+
+def running(view: Any) -> Iterator[Client]:
+    with served(view) as port, (client := Client(port)).opened:
+        yield client

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from http.client import HTTPConnection
 from pathlib import Path
 from urllib.parse import quote
 
 import pandas as pd
 import pytest
-from opened import TOKEN, address, run_and_dataset, served
+from opened import Client, address, run_and_dataset, served
 
 from bayestissue.base.errors import InputError
 from bayestissue.base.runtime import FORMAT
@@ -66,16 +64,20 @@ def tab() -> Iterator[browser.Browser]:
         yield opened
 
 
+def contents(*folders: Path) -> dict[Path, bytes]:
+    """Of all files but the table of what is left out."""
+    files = (path for folder in folders for path in folder.rglob("*") if path.name != FILE)
+    return {path: path.read_bytes() for path in files if path.is_file()}
+
+
 @pytest.fixture
 def nothing_left_out(folders: tuple[Path, Path], view: RunView) -> Iterator[None]:
     """Whatever the test before decided is taken back, and nothing but decisions was written."""
-    files = [path for folder in folders for path in sorted(folder.rglob("*")) if path.name != FILE]
-    before = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files if path.is_file()]
+    before = contents(*folders)
     yield
     write_left_out(folders[1], {})
     view.decisions = Decisions(folders[1], view.decisions.changed)
-    now = [path for folder in folders for path in sorted(folder.rglob("*")) if path.name != FILE]
-    assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in now if path.is_file()] == before
+    assert contents(*folders) == before
 
 
 def text(tab: browser.Browser, selector: str) -> str:
@@ -281,71 +283,51 @@ def test_a_dataset_that_moved_or_changed_leaves_questions_alone(tmp_path: Path) 
 
 
 @pytest.fixture
-def get(port: int) -> Callable[..., tuple[int, str]]:
-    def get(path: str, method: str = "GET", **headers: str) -> tuple[int, str]:
-        own = {"Host": f"{HOST}:{port}", "Cookie": f"bayestissue-{port}={TOKEN}"} | headers
-        connection = HTTPConnection(HOST, port, timeout=20)
-        connection.request(method, path, headers={name: value for name, value in own.items() if value})
-        answer = connection.getresponse()
-        content = answer.read().decode()
-        connection.close()
-        return answer.status, content
-
-    return get
+def client(port: int) -> Iterator[Client]:
+    with (opened := Client(port)).opened:
+        yield opened
 
 
-@pytest.mark.parametrize(
-    "headers",
-    [
-        {"Cookie": ""},
-        {"Cookie": "bayestissue-1=x"},
-        {"Host": "evil.example"},
-        {"Origin": "http://evil.example"},
-    ],
-)
 @pytest.mark.parametrize("path", ["/", "/answers.html?q=K", "/questions.csv?q=K", "/state", "/library.js"])
-def test_others_are_refused(get: Callable[..., tuple[int, str]], path: str, headers: dict[str, str]) -> None:
-    status, content = get(path, **headers)
-    assert status == 403
-    assert "N/m" not in content
-    assert get(path)[0] == 200
+def test_who_has_no_cookie_is_refused_everywhere(client: Client, path: str) -> None:
+    refused = client.ask(path, Cookie=None)
+    assert refused.status == 403
+    assert b"N/m" not in refused.read()
+    assert client.ask(path).status == 200
 
 
-@pytest.mark.parametrize(
-    "path", ["/../run.json", "/run.json", "/posterior.nc", "/%2e%2e/set/impacts.csv", "/page/index.html"]
-)
-def test_there_is_no_file_but_the_page(get: Callable[..., tuple[int, str]], path: str) -> None:
-    assert get(path)[0] == 404
+@pytest.mark.parametrize("path", ["/../run.json", "/run.json", "/posterior.nc", "/%2e%2e/set/impacts.csv"])
+def test_there_is_no_file_but_the_page(client: Client, path: str) -> None:
+    assert client.ask(path).status == 404
 
 
 def test_the_saved_answers_are_those_of_the_command(
-    get: Callable[..., tuple[int, str]], folders: tuple[Path, Path], tmp_path: Path
+    client: Client, folders: tuple[Path, Path], tmp_path: Path
 ) -> None:
     questions = [CLAIM, QUANTITY]
-    status, table = get("/questions.csv?" + "&".join(f"q={quote(text)}" for text in (*questions, WRONG)))
-    assert status == 200
+    saved = client.ask("/questions.csv?" + "&".join(f"q={quote(text)}" for text in (*questions, WRONG)))
+    assert saved.status == 200
     bayestissue("ask", folders[0], *questions, "--out", tmp_path / "out")
-    assert table == (tmp_path / "out" / "questions.csv").read_text()
+    assert saved.read().decode() == (tmp_path / "out" / "questions.csv").read_text()
 
 
 def test_open_says_what_is_wrong_with_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for folder, words in ((tmp_path, "neither"), (tmp_path / "none", "no such folder")):
-        refused = bayestissue("open", folder)
-        assert refused.status == 2
-        assert words in refused.err
+    def refused(folder: Path) -> str:
+        ended = bayestissue("open", folder)
+        assert ended.status == 2
+        return ended.err
+
+    assert "neither" in refused(tmp_path)
+    assert "no such folder" in refused(tmp_path / "none")
     (tmp_path / "run.json").write_text(json.dumps({"kind": "estimates", "format": FORMAT}))
-    refused = bayestissue("open", tmp_path)
-    assert refused.status == 2
-    assert "[not-a-fit]" in refused.err
+    assert "[not-a-fit]" in refused(tmp_path)
     monkeypatch.setattr("bayestissue.studies.bench.server.find_spec", lambda _: None)
-    refused = bayestissue("open", tmp_path)
-    assert refused.status == 2
-    assert 'pip install "bayestissue[bench]"' in refused.err
+    assert 'pip install "bayestissue[bench]"' in refused(tmp_path)
 
 
 def test_the_command_serves_a_run_until_it_is_stopped(tmp_path: Path) -> None:
     run, dataset = run_and_dataset(tmp_path)
-    before = {path: path.read_bytes() for path in (*run.rglob("*"), *dataset.rglob("*")) if path.is_file()}
+    before = contents(run, dataset)
     command = [sys.executable, "-u", "-m", "bayestissue", "open", str(run)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603 - this program
         try:
@@ -353,18 +335,15 @@ def test_the_command_serves_a_run_until_it_is_stopped(tmp_path: Path) -> None:
             line = process.stdout.readline()
             shown = re.fullmatch(rf"open http://{HOST}:(\d+)(/\?token=.+)\n", line)
             assert shown is not None, line
-            connection = HTTPConnection(HOST, int(shown[1]), timeout=60)
-            connection.request("GET", shown[2])
-            answer = connection.getresponse()
-            assert answer.status == 200
-            assert b"Ask this fit" in answer.read()
-            connection.close()
+            with (client := Client(int(shown[1]))).opened:
+                answer = client.ask(shown[2], Cookie=None)
+                assert answer.status == 200
+                assert b"Ask this fit" in answer.read()
             process.send_signal(signal.SIGINT)
             assert process.wait(60) == 130
         finally:
             process.kill()
-    after = {path: path.read_bytes() for path in (*run.rglob("*"), *dataset.rglob("*")) if path.is_file()}
-    assert after == before, "nothing is written by looking"
+    assert contents(run, dataset) == before, "nothing is written by looking"
 
 
 def test_a_fit_says_where_its_dataset_lies(tmp_path: Path) -> None:

@@ -9,15 +9,14 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
-from http.client import HTTPConnection, HTTPResponse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import filelock
 import pytest
-from opened import TOKEN, served
+from opened import TOKEN, Client, running
 from written_drops import drop, plan_of_drops, write
 
 from bayestissue.base.errors import InputError
@@ -48,37 +47,6 @@ class Pretended(DropsView):
             raise InputError.stated("none-left", "page")
         self.acted.append((action, {"reason": content["reason"]}))
         self.version += 1
-
-
-class Client:
-    """A browser's part of a connection."""
-
-    def __init__(self, port: int) -> None:
-        self.port = port
-        self.cookie = f"bayestissue-{port}={TOKEN}"
-        self.opened = ExitStack()
-
-    def ask(
-        self, path: str, method: str = "GET", body: str | None = None, **headers: str | None
-    ) -> HTTPResponse:
-        sent = {"Host": f"{HOST}:{self.port}", "Cookie": self.cookie} | headers
-        connection = self.opened.enter_context(closing(HTTPConnection(HOST, self.port, timeout=20)))
-        connection.putrequest(method, path, skip_host=True)
-        if body is not None:
-            connection.putheader("Content-Length", str(len(body.encode())))
-        for name, value in sent.items():
-            if value is not None:
-                connection.putheader(name, value)
-        connection.endheaders(body.encode() if body is not None else None)
-        return self.opened.enter_context(closing(connection.getresponse()))
-
-    def post(self, action: str, body: str, **headers: str | None) -> HTTPResponse:
-        return self.ask(f"/act/{action}", "POST", body, **{"Origin": f"http://{HOST}:{self.port}", **headers})
-
-
-def running(view: Any) -> Iterator[Client]:
-    with served(view) as port, (client := Client(port)).opened:
-        yield client
 
 
 @pytest.fixture

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from bayestissue.studies.init import init_dataset
-from dataset_bench import DAMPING, RATE, STIFFNESS
+from dataset_bench import DAMPING, RATE, STIFFNESS, closed_form
 
 PATTERN = "{subject}_{side}_{mass_kg}kg_{n}.csv"
 VELOCITY = 1.5
@@ -42,14 +43,8 @@ PEOPLE, SIDES, MASSES = ("s01", "s02", "s03", "s04", "s05"), ("left", "right"), 
 
 def plan_of_drops(count: int, repeats: int = 3) -> list[str]:
     """Names of so many drops, person by person."""
-    names = [
-        f"{s}_{side}_{mass}kg_{n}.csv"
-        for s in PEOPLE
-        for side in SIDES
-        for mass in MASSES
-        for n in range(1, repeats + 1)
-    ]
-    return names[:count]
+    every = product(PEOPLE, SIDES, MASSES, range(1, repeats + 1))
+    return [f"{person}_{side}_{mass}kg_{n}.csv" for person, side, mass, n in every][:count]
 
 
 def drop(name: str, *, stiffer: float = 1.0, limit: float = np.inf, late_s: float = 0.0) -> bytes:
@@ -60,13 +55,8 @@ def drop(name: str, *, stiffer: float = 1.0, limit: float = np.inf, late_s: floa
     of_person = np.random.default_rng(list(person.encode())).normal(0, 0.15)
     K = STIFFNESS * stiffer * np.exp(of_person + rng.normal(0, 0.03))
     time = np.arange(-0.01 + late_s, 0.05, 1 / RATE)
-    since = np.maximum(time, 0)
-    frequency, ratio = np.sqrt(K / mass), DAMPING / (2 * np.sqrt(K * mass))
-    damped, decay = frequency * np.sqrt(1 - ratio**2), VELOCITY * np.exp(-ratio * frequency * since)
-    x = decay / damped * np.sin(damped * since)
-    v = decay * (np.cos(damped * since) - ratio * frequency / damped * np.sin(damped * since))
-    force = np.where(time >= 0, np.maximum(K * x + DAMPING * v, 0), 0)
-    value = np.minimum(force / mass + rng.normal(0, 0.3, time.size), limit)
+    d = closed_form(time, mass, VELOCITY, K, DAMPING)
+    value = np.minimum(d + rng.normal(0, 0.3, time.size), limit)
     rows = (f"{t:.5f},{a:.4f}" for t, a in zip(time, value, strict=True))
     return "\n".join(["time_s,value", *rows, ""]).encode()
 

@@ -9,14 +9,13 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.inference.fit import draws_of_chain, sample
-from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.population import population_design
 from bayestissue.model.hierarchy.priors import Priors
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.model.hierarchy.trace_data import prepare
 from campaigns import COLUMNS, simulated, spreads
-from designs import design_of
+from designs import design_of, labelled_draws
 
 FORMULA = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"
 
@@ -36,13 +35,7 @@ def test_dimensions_and_meanings_follow_the_columns() -> None:
     }
     single = {*effects.spread, "sd_impact_K", "sd_impact_C", "intercept_K", "intercept_C", "mass_exponent_K"}
     population |= {name: rng.uniform(0.1, 1, (2, 3)) for name in single - {""}}
-    quantities = derived.formula_quantities(design, population)
-    found = labelled(
-        quantities | derived.level_quantities(design, quantities),
-        design_dimensions(design),
-        design.levels(),
-        attributes=design_attributes(design),
-    )
+    found = labelled_draws(design, population)
     dims = {str(name): array.dims[2:] for name, array in found.data_vars.items()}
     assert dims["subject_side_effect_K"] == dims["K_subject_side"] == ("subject:side",)
     assert dims["subject_mass_exponent_K"] == dims["subject_effect_C"] == ("subject",)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
+from bayestissue.studies.planning.plan import Plan
 from bayestissue.studies.planning.plan_file import plan_of
-from bayestissue.studies.planning.planned_study import study_of
+from bayestissue.studies.planning.planned_study import PlannedStudy, study_of
 from bayestissue.studies.planning.running import RunningPrior
 from bayestissue.studies.simulation import simulate, write_campaign
 from campaigns import spreads, study
@@ -45,8 +47,17 @@ def after(begun: Path, **changed: object) -> dict[str, object]:
     return {"run": str(begun / "run"), "dataset": str(begun / "drops")} | changed
 
 
+def further(begun: Path, **candidates: Any) -> Plan:
+    running = {"after": begun / "run", "dataset": begun / "drops"}
+    return bt.plan(ask="mass_exponent_K < 0.5", studies=100, **running, **candidates)
+
+
+def planned(**changed: object) -> PlannedStudy:
+    return study_of(plan_of(CONTENT | changed, "plan.toml"), "plan.toml")
+
+
 def test_people_and_conditions_go_on(begun: Path) -> None:
-    study = study_of(plan_of(CONTENT | {"after": after(begun)}, "plan.toml"), "plan.toml")
+    study = planned(after=after(begun))
     assert isinstance(study.cases[0].prior, RunningPrior)
     assert study.cases[0].running is not None
     assert len(study.cases[0].running.rows) == 10
@@ -60,15 +71,15 @@ def test_people_and_conditions_go_on(begun: Path) -> None:
 
 
 def test_a_plan_speaks_as_what_it_goes_on_from(begun: Path) -> None:
-    content = CONTENT | {"candidates": {"people": 3, "masses_kg": [0.5, 1.0]}}
-    for source in ({"after": after(begun)}, {"pilot": str(begun / "run")}):
-        assert study_of(plan_of(content | source, "plan.toml"), "plan.toml").words == {"subject": "pad"}
-    own = {"pilot": str(begun / "run"), "words": {"subject": "athlete"}}
-    assert study_of(plan_of(content | own, "plan.toml"), "plan.toml").words == {"subject": "athlete"}
+    candidates, pilot = {"people": 3, "masses_kg": [0.5, 1.0]}, {"pilot": str(begun / "run")}
+    for source in ({"after": after(begun)}, pilot):
+        assert planned(candidates=candidates, **source).words == {"subject": "pad"}
+    own = {"subject": "athlete"}
+    assert planned(candidates=candidates, words=own, **pilot).words == own
 
 
 def test_the_same_people_may_be_hit_again(begun: Path) -> None:
-    study = study_of(plan_of(CONTENT | {"after": after(begun, again=True)}, "plan.toml"), "plan.toml")
+    study = planned(after=after(begun, again=True))
     assert study.cases[1].design.rows()["subject"].tolist() == ["s01", "s02", "s03", "s04", "s05", "new001"]
 
 
@@ -80,7 +91,7 @@ def test_other_recordings_than_were_fitted_are_refused(begun: Path, tmp_path: Pa
             text = path.read_bytes()
             (spoilt / path.name).write_bytes(text.replace(b"running", b"another"))
     with pytest.raises(InputError, match="the dataset that was fitted"):
-        study_of(plan_of(CONTENT | {"after": after(begun, dataset=str(spoilt))}, "plan.toml"), "plan.toml")
+        planned(after=after(begun, dataset=str(spoilt)))
 
 
 def test_the_command_takes_a_running_study(begun: Path, tmp_path: Path) -> None:
@@ -89,14 +100,7 @@ def test_the_command_takes_a_running_study(begun: Path, tmp_path: Path) -> None:
     with kernel():
         ended = bayestissue("plan", *options, *of_study, "--out", tmp_path / "out")
         assert ended.status == 0, ended.err
-        plan = bt.plan(
-            people=[3, 6],
-            masses_kg=[0.5],
-            ask="mass_exponent_K < 0.5",
-            studies=100,
-            after=begun / "run",
-            dataset=begun / "drops",
-        )
+        plan = further(begun, people=[3, 6], masses_kg=[0.5])
     assert "further pads" in ended.out
     assert "as it stands" in plan.content["variants"]
     assert "one truth" not in plan.content["variants"]
@@ -106,14 +110,7 @@ def test_the_command_takes_a_running_study(begun: Path, tmp_path: Path) -> None:
 
 
 def test_a_running_study_is_assessed(begun: Path) -> None:
-    plan = bt.plan(
-        people=3,
-        masses_kg=[1.0],
-        ask="mass_exponent_K < 0.5",
-        studies=100,
-        after=begun / "run",
-        dataset=begun / "drops",
-    )
+    plan = further(begun, people=3, masses_kg=[1.0])
     now = plan.content["variants"]["as it stands"]["goals"]["question_1"]
     # What is still to come tells something.
     assert plan.content["designs"][0]["goals"]["question_1"]["undecided_bits"] < now["undecided_bits"] + 0.02

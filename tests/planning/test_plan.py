@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ from bayestissue.base.errors import InputError
 from bayestissue.base.results.tables import read_table
 from bayestissue.reports.pages.plan_page import page_of
 from bayestissue.studies.planning.plan import Plan
-from command_line import bayestissue
+from command_line import Outcome, bayestissue, options
 from page_reader import Reader
 from stand_in_planner import kernel
 
@@ -40,6 +41,16 @@ FACTOR = """[[candidates.factors]]
 name = "hit by"
 levels = ["a person", "a machine"]
 [goal]"""
+
+
+def command(out: Path, **given: object) -> Outcome:
+    """The command of a plan that asks whether the exponent is below a half."""
+    return bayestissue("plan", *options(**{"masses": "0.5,1", "ask": EXPONENT, "out": out} | given))
+
+
+def argued(**given: Any) -> Plan:
+    """The same from Python."""
+    return bt.plan(**{"masses_kg": [0.5, 1.0], "ask": EXPONENT, "studies": 100} | given)
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +141,7 @@ def test_what_limits_the_answer_is_said(two_goals: Plan) -> None:
 
 def test_where_no_design_answers_many_people_are_tried() -> None:
     with kernel(most=0.6):
-        plan = bt.plan(people=[20, 60], masses_kg=[0.5, 1.0], ask=EXPONENT, studies=100)
+        plan = argued(people=[20, 60])
     assert not plan.content["reaches"]
     assert plan.content["variants"]["many people"]["people"] == 240
     assert plan.answer.startswith(
@@ -142,14 +153,14 @@ def test_where_no_design_answers_many_people_are_tried() -> None:
 
 def test_a_design_beyond_a_machine_s_memory_is_refused_with_the_bound() -> None:
     with pytest.raises(InputError, match="at most 1000 people in a design, and not 1000000"):
-        bt.plan(people=1_000_000, masses_kg=[0.5, 1.0], ask=EXPONENT)
+        argued(people=1_000_000)
     with pytest.raises(InputError, match="at most 50000 impacts in a design, and not 20 people"):
-        bt.plan(people=20, masses_kg=[0.5, 1.0], repeats=10_000, ask=EXPONENT)
+        argued(people=20, repeats=10_000)
 
 
 def test_many_people_may_be_enough() -> None:
     with kernel():
-        plan = bt.plan(people=20, masses_kg=[0.5, 1.0], ask=EXPONENT, studies=100)
+        plan = argued(people=20)
     assert "This design does not answer" in plan.answer
     assert "80 people would: 0.80" in plan.answer
 
@@ -171,17 +182,14 @@ def test_the_paragraph_says_what_an_application_needs(two_goals: Plan) -> None:
 @pytest.mark.slow
 def test_the_hash_is_of_all_but_the_words(two_goals: Plan) -> None:
     with kernel():
-        same, other = (
-            bt.plan(people=20, masses_kg=[0.5, 1.0], ask=EXPONENT, studies=studies) for studies in (100, 200)
-        )
-        again = bt.plan(people=20, masses_kg=[0.5, 1.0], ask=EXPONENT, studies=100)
+        same, other, again = (argued(people=20, studies=studies) for studies in (100, 200, 100))
     assert same.content == again.content
     assert same.content["sha256"] != other.content["sha256"]
 
 
 def test_the_question_names_the_factor() -> None:
     with kernel():
-        plan = bt.plan(people=20, masses_kg=0.7, ask="K[side=left] / K[side=right] > 1.1", studies=100)
+        plan = argued(people=20, masses_kg=0.7, ask="K[side=left] / K[side=right] > 1.1")
     assert plan.content["plan"]["candidates"]["factors"][0]["levels"] == ["left", "right"]
     assert plan.designs["impacts"].tolist() == [40]
 
@@ -200,7 +208,7 @@ noise_relative_to_peak = 0.001
 def test_groups_of_people_stand_in_the_answer_the_paragraph_and_the_page() -> None:
     groups, question = {"group": ["treated", "control"]}, "K[group=treated] > K[group=control]"
     with kernel():
-        plan = bt.plan(people=[9, 21], masses_kg=0.7, groups=groups, ask=question, repeats=20, studies=100)
+        plan = argued(people=[9, 21], masses_kg=0.7, groups=groups, ask=question, repeats=20)
     said = "9 people (group: 5 treated and 4 control), each hit 20 times"
     assert said in plan.answer
     assert said in plan.paragraph
@@ -225,7 +233,7 @@ def test_recorders_are_candidates(tmp_path: Path) -> None:
 
 def test_a_wrong_argument_is_refused_before_any_work() -> None:
     with kernel() as stand_in, pytest.raises(InputError, match="two masses or more"):
-        bt.plan(people=20, masses_kg=[0.7], ask=EXPONENT)
+        argued(people=20, masses_kg=[0.7])
     assert stand_in.calls == []
 
 
@@ -237,10 +245,9 @@ def test_a_plan_of_a_file_and_one_of_arguments_are_one(tmp_path: Path) -> None:
         f'[questions]\nquestion_1 = "{EXPONENT}"\n[goal]\nstudies = 100\n'
     )
     with kernel():
-        options = ["--people", "20,30", "--masses", "0.5,1", "--ask", EXPONENT, "--studies", "100"]
-        assert bayestissue("plan", *options, "--out", tmp_path / "options", "-q").status == 0
+        assert command(tmp_path / "options", people="20,30", studies=100).status == 0
         assert bayestissue("plan", path, "--out", tmp_path / "file", "-q").status == 0
-        arguments = bt.plan(people=[20, 30], masses_kg=[0.5, 1.0], ask=EXPONENT, studies=100)
+        arguments = argued(people=[20, 30])
     tables = [read_table(tmp_path / name, "designs") for name in ("options", "file")]
     for table in tables:
         pd.testing.assert_frame_equal(table, arguments.designs, check_dtype=False)
@@ -250,30 +257,14 @@ def test_a_plan_of_a_file_and_one_of_arguments_are_one(tmp_path: Path) -> None:
 def test_the_command_writes_all_or_nothing(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with kernel():
-        ended = bayestissue(
-            "plan",
-            "--people",
-            "20,60",
-            "--masses",
-            "0.5,1",
-            "--ask",
-            EXPONENT,
-            "--studies",
-            100,
-            "--out",
-            out,
-        )
+        ended = command(out, people="20,60", studies=100)
     assert ended.status == 0, ended.err
     assert "60 people, each hit once" in ended.out
     names = {path.name for path in out.iterdir()}
-    assert names == {
-        ".bayestissue.json",
-        *("designs.csv", "plan.json", "report.html", "run.json", "studies.parquet"),
-    }
+    written = {"designs.csv", "plan.json", "report.html", "run.json", "studies.parquet"}
+    assert names == written | {".bayestissue.json"}
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
-    refused = bayestissue(
-        "plan", "--people", "2,x", "--masses", "0.5,", "--ask", EXPONENT, "--out", tmp_path / "no"
-    )
+    refused = command(tmp_path / "no", people="2,x", masses="0.5,")
     assert refused.status == 2
     assert "2 problems; nothing was written" in refused.err
     assert not (tmp_path / "no").exists()
@@ -290,14 +281,14 @@ def test_a_file_and_options_are_not_mixed(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_more_studies_and_designs_go_on_from_what_is_there(tmp_path: Path) -> None:
-    out, options = tmp_path / "out", ["--masses", "0.5,1", "--ask", EXPONENT, "--overwrite", "-q"]
+    out = tmp_path / "out"
     with kernel() as stand_in:
-        assert bayestissue("plan", "--people", "60", *options, "--studies", 200, "--out", out).status == 0
+        assert command(out, people=60, studies=200, overwrite=True).status == 0
         assert {blocks for _, blocks in stand_in.calls} == {range(2)}
         stand_in.calls.clear()
-        assert bayestissue("plan", "--people", "60", *options, "--studies", 200, "--out", out).status == 0
+        assert command(out, people=60, studies=200, overwrite=True).status == 0
         assert stand_in.calls == []
-        assert bayestissue("plan", "--people", "60,80", *options, "--studies", 400, "--out", out).status == 0
+        assert command(out, people="60,80", studies=400, overwrite=True).status == 0
     # Of the first design further blocks, of the new one all.
     assert (1, range(2, 4)) in stand_in.calls
     assert (1, range(4)) in stand_in.calls
@@ -306,8 +297,7 @@ def test_more_studies_and_designs_go_on_from_what_is_there(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_an_interrupted_plan_goes_on(tmp_path: Path) -> None:
-    out, calls = tmp_path / "out", ["plan", "--people", "20,60", "--masses", "0.5,1", "--ask", EXPONENT]
-    calls += ["--studies", "1000", "-q", "--out", str(out)]
+    out = tmp_path / "out"
     with kernel() as stand_in:
         real = stand_in.__class__.__call__
 
@@ -318,11 +308,11 @@ def test_an_interrupted_plan_goes_on(tmp_path: Path) -> None:
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(stand_in.__class__, "__call__", stopped)
-            ended = bayestissue(*calls)
+            ended = command(out, people="20,60", studies=1000)
         assert ended.status != 0
         assert not out.exists()
         before = len(stand_in.calls)
-        assert bayestissue(*calls).status == 0
+        assert command(out, people="20,60", studies=1000).status == 0
     # Candidates and further people were kept; one truth, three other limits, and many people were left.
     assert stand_in.calls[before:] == 5 * [(1, range(2))]
     assert json.loads((out / "plan.json").read_text())["designs"][0]["goals"]["question_1"]["studies"] == 1000
@@ -352,9 +342,8 @@ def test_the_page_answers_its_title_on_the_first_screen(two_goals: Plan) -> None
 
 @pytest.mark.slow
 def test_traces_that_no_normal_stands_for_are_warned_of(tmp_path: Path) -> None:
-    options = ["--people", "60", "--masses", "0.5,1", "--ask", EXPONENT, "--studies", "100"]
     with kernel(normal=False):
-        ended = bayestissue("plan", *options, "--out", tmp_path / "out")
+        ended = command(tmp_path / "out", people=60, studies=100)
     assert "explain traces-not-normal" in ended.out
     assert "Traces are no normal densities" in (tmp_path / "out" / "report.html").read_text()
 

@@ -12,9 +12,9 @@ from scipy.stats import t
 import bayestissue as bt
 from bayestissue.base.errors import InputError, Problem
 from bayestissue.mechanics.elements import outcomes
-from bayestissue.studies.planning.assurance import planner
+from bayestissue.studies.planning.assurance import Assessment, planner
 from bayestissue.studies.planning.plan_file import plan_of
-from bayestissue.studies.planning.planned_study import factors_named, study_of
+from bayestissue.studies.planning.planned_study import PlannedStudy, factors_named, study_of
 from bayestissue.studies.planning.tabulated_law import PlannedLaw
 from campaigns import simulated
 
@@ -35,15 +35,27 @@ PLAN: dict[str, Any] = {
 }
 
 
+def planned(**changed: Any) -> PlannedStudy:
+    return study_of(plan_of(PLAN | changed, "plan.toml"), "plan.toml")
+
+
+def assessed(study: PlannedStudy) -> list[Assessment]:
+    """Of each design the one goal, over the first block of studies."""
+    first = study.cases[0]
+    rows = [case.design.rows() for case in study.cases]
+    ready = planner(rows, first.model, first.prior, first.simulation)
+    return [of_goal for (of_goal,) in ready.assess(study.goals, range(1))]
+
+
 def refused(**changed: Any) -> dict[str | None, Problem]:
     """The problems of the plan with other tables, by column."""
     with pytest.raises(InputError) as caught:
-        study_of(plan_of(PLAN | changed, "plan.toml"), "plan.toml")
+        planned(**changed)
     return {problem.column: problem for problem in caught.value.problems}
 
 
 def test_an_outcome_is_asked_as_of_a_finished_fit() -> None:
-    study = study_of(plan_of(PLAN | {"questions": {"safe": f"{FORCE} < 1500"}}, "plan.toml"), "plan.toml")
+    study = planned(questions={"safe": f"{FORCE} < 1500"})
     assert [goal.text for goal in study.goals] == [f"{FORCE} < 1500", FORCE]
 
 
@@ -93,14 +105,10 @@ def test_a_time_that_never_comes_is_infinite() -> None:
 def test_a_time_that_may_never_come_has_no_width() -> None:
     soft = PLAN["population"] | {"intercept": {"K": np.log(3000), "C": np.log(3000)}}
     when = {"of": "contact_duration[mass_kg=5, drop_height_cm=30]", "relative": 0.05}
-    content = PLAN | {"population": soft, "precision": {"when": when}}
-    study = study_of(plan_of(content, "plan.toml"), "plan.toml")
-    ready = planner(
-        [study.cases[0].design.rows()], study.cases[0].model, study.cases[0].prior, study.cases[0].simulation
-    )
-    ((assessed,),) = ready.assess(study.goals, range(1))
-    assert assessed.answered == 0
-    numbers = assessed.numbers()
+    candidates = PLAN["candidates"] | {"repeats": 8}
+    (never,) = assessed(planned(candidates=candidates, population=soft, precision={"when": when}))
+    assert never.answered == 0
+    numbers = never.numbers()
     assert (numbers["width"], numbers["answered"]) == (None, 0)
 
 
@@ -113,26 +121,18 @@ def test_the_precision_of_a_force_is_that_of_its_posterior() -> None:
     """
     # So little damping that the force is the spring's.
     population = PLAN["population"] | {"intercept": {"K": np.log(30_000), "C": np.log(5)}}
-    study = study_of(plan_of(PLAN | {"population": population}, "plan.toml"), "plan.toml")
-    rows = [case.design.rows() for case in study.cases]
-    ready = planner(rows, study.cases[0].model, study.cases[0].prior, study.cases[0].simulation)
-    assessed = [of_goal for (of_goal,) in ready.assess(study.goals, range(1))]
     K, V2 = 30_000.0, 2 * g * HEIGHT
     root = np.sqrt((MASS * g) ** 2 + K * MASS * V2)
     slope = K * MASS * V2 / (2 * root * (MASS * g + root))
-    for one, n in zip(assessed, (16, 48), strict=True):
+    for one, n in zip(assessed(planned(population=population)), (16, 48), strict=True):
         width = np.exp(slope * t.ppf(0.95, n - 1) * SPREAD / np.sqrt(n)) - 1
         assert one.width.mean() == pytest.approx(width, rel=0.08)
 
 
 @pytest.mark.slow
 def test_fits_of_simulated_studies_are_as_sure_as_the_plan_says() -> None:
-    plan = PLAN | {"candidates": PLAN["candidates"] | {"repeats": 4}}
-    study = study_of(plan_of(plan, "plan.toml"), "plan.toml")
-    ready = planner(
-        [study.cases[0].design.rows()], study.cases[0].model, study.cases[0].prior, study.cases[0].simulation
-    )
-    (((planned,),)) = ready.assess(study.goals, range(1))
+    study = planned(candidates=PLAN["candidates"] | {"repeats": 4})
+    (expected,) = assessed(study)
     tissue = {"K_N_per_m": 30_000.0, "C_N_s_per_m": 150.0, "sd_impact_K": SPREAD, "sd_impact_C": 0.1}
     recording, widths = study.cases[0].simulation.recording.model_dump(), []
     for seed in range(4):
@@ -147,5 +147,5 @@ def test_fits_of_simulated_studies_are_as_sure_as_the_plan_says() -> None:
         )
         answer = bt.fit(made.dataset("drops"), "impact", K="1", C="1").ask(FORCE).iloc[0]
         widths.append(np.sqrt(answer["high"] / answer["low"]) - 1)
-    error = np.hypot(planned.width.std(), np.std(widths, ddof=1)) / np.sqrt(len(widths))
-    assert abs(np.mean(widths) - planned.width.mean()) < 3 * error
+    error = np.hypot(expected.width.std(), np.std(widths, ddof=1)) / np.sqrt(len(widths))
+    assert abs(np.mean(widths) - expected.width.mean()) < 3 * error

@@ -13,6 +13,8 @@ from bayestissue.recordings.dataset import read_dataset
 from bayestissue.recordings.signal.filters import modes
 from bayestissue.studies.simulation import Simulation, simulate, write_campaign
 
+FORCE = {"noise_sd_N": 0.02, "offset_sd_N": 0.5, "relative_gain_sd": 0.02, "tip_mass_kg": 0.05}
+
 
 def specification(tissue=None, recording=None, output=None, **design) -> Simulation:
     return Simulation.model_validate(
@@ -128,9 +130,13 @@ def test_blocks_leave_no_seam(monkeypatch):
     np.testing.assert_allclose(simulate(made).traces.value, whole.traces.value, atol=1e-11)
 
 
-@pytest.mark.parametrize("output", [{"traces": "csv"}, {"traces": "parquet", "float32": True}])
-def test_what_is_written_is_a_dataset(tmp_path, output):
-    made = specification(recording={"noise_relative_to_peak": 0.005}, output=output, subjects=2, repeats=2)
+@pytest.mark.parametrize(
+    ("output", "force"),
+    [({"traces": "csv"}, {}), ({"traces": "parquet", "float32": True}, {}), ({"traces": "csv"}, FORCE)],
+)
+def test_what_is_written_is_a_dataset(tmp_path, output, force):
+    recording = {"noise_relative_to_peak": 0.005} | ({"force": force} if force else {})
+    made = specification(recording=recording, output=output, subjects=2, repeats=2)
     campaign = simulate(made)
     write_campaign(tmp_path / "campaign", campaign, made)
     back, direct = read_dataset(tmp_path / "campaign"), campaign.dataset("made here")
@@ -139,29 +145,23 @@ def test_what_is_written_is_a_dataset(tmp_path, output):
     for read, kept in zip(back.traces, direct.traces, strict=True):
         np.testing.assert_array_equal(read.value, kept.value)
         np.testing.assert_allclose(read.time_s, kept.time_s, atol=1e-12)
+    assert back.channels == direct.channels
+    for mine, theirs in zip(back.further, direct.further, strict=True):
+        for read, kept in zip(mine, theirs, strict=True):
+            np.testing.assert_allclose(read.value, kept.value, rtol=1e-12)
 
 
-def with_groups(**recording):
-    return Simulation.model_validate(
-        {
-            "name": "groups",
-            "design": {
-                "subjects": 40,
-                "factors": [
-                    {"name": "side", "levels": ["left", "right"]},
-                    {"name": "session", "levels": 3, "every": False},
-                ],
-            },
-            "tissue": {
-                "K_N_per_m": 3000.0,
-                "C_N_s_per_m": 25.0,
-                "mass_exponent_K": 0.2,
-                "sd_group": {"subject:side": {"K": 0.2}, "session": {"C": 0.1}},
-                "sd_slope": {"log(mass_kg)|subject": {"K": 0.3}},
-            },
-            "recording": {"sampling_rate_hz": 500.0, **recording},
-        }
-    )
+FACTORS = [{"name": "side", "levels": ["left", "right"]}, {"name": "session", "levels": 3, "every": False}]
+GROUPS = {
+    "mass_exponent_K": 0.2,
+    "sd_group": {"subject:side": {"K": 0.2}, "session": {"C": 0.1}},
+    "sd_slope": {"log(mass_kg)|subject": {"K": 0.3}},
+}
+
+
+def with_groups(**tissue) -> Simulation:
+    """Forty people in the nine conditions, on both sides and in one of three sessions each time."""
+    return specification(GROUPS | tissue, {"sampling_rate_hz": 500.0}, subjects=40, factors=FACTORS)
 
 
 def test_further_factors_have_columns_effects_and_slopes():
@@ -183,23 +183,17 @@ def test_further_factors_have_columns_effects_and_slopes():
 
 
 def test_effects_of_further_groups_leave_the_other_random_numbers_as_they_are():
-    plain = with_groups().model_dump()
-    plain["tissue"] |= {"sd_group": {}, "sd_slope": {}}
-    a, b = simulate(Simulation.model_validate(plain)), simulate(with_groups())
+    a, b = (simulate(with_groups(**tissue)) for tissue in ({"sd_group": {}, "sd_slope": {}}, {}))
     np.testing.assert_array_equal(a.truth["contact_time_s"], b.truth["contact_time_s"])
     np.testing.assert_array_equal(a.impacts["session"], b.impacts["session"])
 
 
 @pytest.mark.slow
 def test_further_parameters_differ_between_people():
-    specification = with_groups().model_dump()
-    specification["tissue"] |= {"element": "wall", "parameters": {"thickness_m": 0.04}, "sd_subject_K": 0.1}
-    plain = simulate(Simulation.model_validate(specification))
-    specification["tissue"]["sd_group"] = {
-        "subject": {"thickness_m": 0.3},
-        **specification["tissue"]["sd_group"],
-    }
-    made = simulate(Simulation.model_validate(specification))
+    tissue = {"element": "wall", "parameters": {"thickness_m": 0.04}, "sd_subject_K": 0.1}
+    plain = simulate(with_groups(**tissue))
+    of_people = {"subject": {"thickness_m": 0.3}, **GROUPS["sd_group"]}
+    made = simulate(with_groups(**tissue, sd_group=of_people))
     truth = made.truth
     np.testing.assert_allclose(np.log(truth["thickness_m"] / 0.04), truth["subject_effect_thickness_m"])
     each = truth.groupby(made.impacts["subject"])["subject_effect_thickness_m"]
@@ -218,10 +212,8 @@ def test_further_parameters_differ_between_people():
     ],
 )
 def test_effects_of_columns_that_the_design_lacks_are_refused(changes, words):
-    content = with_groups().model_dump()
-    content["tissue"] |= changes
     with pytest.raises(ValueError, match=words):
-        Simulation.model_validate(content)
+        with_groups(**changes)
 
 
 @pytest.mark.slow
@@ -259,9 +251,6 @@ def test_a_recorders_low_pass_takes_the_true_motion_and_leaves_noise_white(recor
     expected = value[first[0] : first[0] + samples]
     slope = np.abs(np.diff(value)).max()
     np.testing.assert_allclose(found.d[0], expected, atol=slope / 64 + 1e-3 * value.max())
-
-
-FORCE = {"noise_sd_N": 0.02, "offset_sd_N": 0.5, "relative_gain_sd": 0.02, "tip_mass_kg": 0.05}
 
 
 def test_a_force_beside_the_deceleration_changes_nothing_else_of_a_campaign():
@@ -332,13 +321,3 @@ def test_a_force_below_the_tissue_moves_the_tissue_too(gravity):
         d = rows(campaign, row)[1]
         expected = np.where(d > 0, (truth.mass_kg + 0.2) * d - 0.2 * gravity, 0.0)
         np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9)
-
-
-def test_a_campaign_with_a_force_is_read_with_it(tmp_path):
-    made = specification(subjects=2, recording={"force": FORCE})
-    campaign = simulate(made)
-    write_campaign(tmp_path / "made", campaign, made)
-    read, direct = read_dataset(tmp_path / "made"), campaign.dataset("made")
-    assert read.channels == direct.channels
-    for mine, theirs in zip(read.further[0], direct.further[0], strict=True):
-        np.testing.assert_allclose(mine.value, theirs.value, rtol=1e-12)

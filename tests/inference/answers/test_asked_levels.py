@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,11 +21,12 @@ from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study, described_impacts
 from bayestissue.mechanics.elements import outcomes
 from bayestissue.model.hierarchy.levels import log_at_levels
+from cases import cases
 from designs import contrasts, design_of, impacts
 from study_with_sides import SHAPE, study_with_sides
 
 FORMULA = "side + (1|subject/side)"
-NUMBER = SHAPE[0] * SHAPE[1]
+G = 9.80665
 
 
 @pytest.fixture(scope="module")
@@ -31,36 +34,36 @@ def study() -> Study:
     return study_with_sides(FORMULA)
 
 
-def test_what_the_response_does_not_depend_on_chooses_among_the_recorded(study: Study) -> None:
-    (one,) = ask(study, numbered(["mean(K[subject, age=23])"])).to_dict("records")
-    (own,) = ask(study, numbered(["K[subject=s1]"])).to_dict("records")
-    assert one["median"] == own["median"]
-    for nobody in ("mean(K[subject, age=21])", "max(K[subject, velocity_m_s=99])"):
-        with pytest.raises(InputError, match="a subject that was recorded with the rest of these brackets"):
-            ask(study, numbered([nobody]))
+def answered(study: Study, question: str) -> dict[str, Any]:
+    (row,) = ask(study, numbered([question])).to_dict("records")
+    return row
 
 
-@pytest.mark.parametrize(
-    ("question", "why"),
-    [
-        ("K / 0", "a division by 0"),
-        ("exp(K)", f"too large a number in {NUMBER} of {NUMBER}"),
-        ("log(0 * K)", "the log of 0"),
-    ],
-)
-def test_what_is_not_finite_says_why(study: Study, question: str, why: str) -> None:
-    with pytest.raises(InputError) as caught:
+def three(row: Mapping[str, Any]) -> list[float]:
+    return [row[name] for name in ("low", "median", "high")]
+
+
+@pytest.mark.parametrize(("question", "why"), cases(__file__, "refused"))
+def test_what_can_not_be_asked_says_why(study: Study, question: str, why: str) -> None:
+    with pytest.raises(InputError, match=why):
         ask(study, numbered([question]))
-    assert why in str(caught.value)
-    assert "a finite number in every draw" in str(caught.value)
+
+
+def test_what_the_response_does_not_depend_on_chooses_among_the_recorded(study: Study) -> None:
+    one, own = (answered(study, text) for text in ("mean(K[subject, age=23])", "K[subject=s1]"))
+    assert one["median"] == own["median"]
+    assert answered(study, "K[subject=new, side=left]")["median"] > 0
+
+
+def at(study: Study, table: pd.DataFrame) -> pd.DataFrame:
+    return predict(study, read_conditions(table, study))
 
 
 def test_a_number_beyond_the_measured_and_an_average_are_noted(study: Study) -> None:
-    average, named = ask(study, numbered(["K[subject=s1]", "K[subject=s1, side=left] > 0"])).to_dict(
-        "records"
-    )
+    average, named = (answered(study, text) for text in ("K[subject=s1]", "K[subject=s1, side=left] > 0"))
     assert average["note"] == "averaged over side, each level with equal weight"
     assert named["note"].startswith("no prior")
+    assert "velocity_m_s beyond those measured" in answered(study, "peak_force[velocity_m_s=9]")["note"]
 
 
 @pytest.mark.parametrize(
@@ -74,16 +77,10 @@ def test_a_number_as_tables_print_it_is_not_beyond_itself(velocity: float, beyon
     assert notes == (["velocity_m_s beyond those measured, 1.534 to 1.981, by 0.001"] if beyond else [])
 
 
-def test_a_new_side_is_no_answer_and_a_new_person_is(study: Study) -> None:
-    with pytest.raises(InputError, match="a level of side: left, right"):
-        ask(study, numbered(["K[side=new]"]))
-    assert ask(study, numbered(["K[subject=new, side=left]"]))["median"].notna().all()
-
-
 @pytest.mark.slow
 def test_a_person_on_a_side_that_was_not_recorded_has_a_new_effect_of_that_side(study: Study) -> None:
-    at = pd.DataFrame({"subject": ["s0", "s0"], "side": ["right", "left"], "velocity_m_s": [1.5, 1.5]})
-    right, left = predict(study, read_conditions(at, study)).to_dict("records")
+    sides = pd.DataFrame({"subject": ["s0", "s0"], "side": ["right", "left"], "velocity_m_s": [1.5, 1.5]})
+    right, left = at(study, sides).to_dict("records")
     assert right["new"] == "subject:side"
     assert left["new"] == ""
     widths = [np.log(row["K_N_per_m_high"] / row["K_N_per_m_low"]) / 2 / 1.645 for row in (left, right)]
@@ -91,12 +88,11 @@ def test_a_person_on_a_side_that_was_not_recorded_has_a_new_effect_of_that_side(
     # With so many draws each end of an interval errs by 0.15 standard deviations: 3 * 0.064 of its width.
     assert widths[1] == pytest.approx(np.sqrt(0.05**2 + 0.2**2 + 0.2**2 + 0.1**2), rel=0.2)
     with pytest.raises(InputError, match="one of left, right"):
-        read_conditions(at.assign(side="rechts"), study)
+        read_conditions(sides.assign(side="rechts"), study)
 
 
 def test_a_person_who_was_not_measured_is_asked_about(study: Study) -> None:
-    at = pd.DataFrame({"subject": ["s1O", "S1", "Eva", "new"], "side": "left"})
-    notes = predict(study, read_conditions(at, study))["note"].tolist()
+    notes = at(study, pd.DataFrame({"subject": ["s1O", "S1", "Eva", "new"], "side": "left"}))["note"]
     assert 'subject "s1O" was not measured: a new one of the population; did you mean s1?' in notes[0]
     # s1 in another case is s1.
     assert notes[1] == ""
@@ -118,12 +114,8 @@ def test_columns_and_levels_are_found_whatever_their_case(study: Study) -> None:
     drawn = [draws_of(parse(text), study) for text in ("K[Side=LEFT]", "K[side=left]")]
     np.testing.assert_array_equal(*drawn)
     assert drawn[0].std() > 0
-    with pytest.raises(InputError, match="Near: side"):
-        ask(study, numbered(["K[Sidee=left]"]))
-    with pytest.raises(InputError, match="Near: left"):
-        ask(study, numbered(["K[side=LEFFT]"]))
-    at = read_conditions(pd.DataFrame({"Patient": ["S1", "s9"], "SIDE": ["Left", "RIGHT"]}), study)
-    assert at == [{"subject": "s1", "side": "left"}, {"subject": "s9", "side": "right"}]
+    rows = read_conditions(pd.DataFrame({"Patient": ["S1", "s9"], "SIDE": ["Left", "RIGHT"]}), study)
+    assert rows == [{"subject": "s1", "side": "left"}, {"subject": "s9", "side": "right"}]
     with pytest.raises(InputError, match='Is it "side"'):
         read_conditions(pd.DataFrame({"Sidee": ["left"]}), study)
     # Two columns that differ by case alone are no column.
@@ -148,20 +140,13 @@ def test_what_all_impacts_of_a_level_share_goes_with_it_and_is_said() -> None:
     )
     found = contrasts(draws, design.recorded, ["K"], 0.1).set_index(["factor", "level", "against"])
     # All else equal is asked for by giving it.
-    asked = numbered(["log(K[session=4 over 1])", "log(K[session=4 over 1, side=left])"])
-    assert ask(Study(draws, design.recorded), asked)["median"].tolist() == pytest.approx([0.6, 0.3])
+    of = Study(draws, design.recorded)
+    assert answered(of, "log(K[session=4 over 1])")["median"] == pytest.approx(0.6)
+    assert answered(of, "log(K[session=4 over 1, side=left])")["median"] == pytest.approx(0.3)
     assert np.log(found["ratio"]["session", "4", "1"]) == pytest.approx(0.6)
     assert found["note"]["session", "4", "1"] == "also differs: side (right against left)"
     assert found["note"]["session", "2", "1"] == ""
     assert np.log(found["ratio"]["side", "left", "right"]) == pytest.approx(-0.3)
-
-
-G = 9.80665
-
-
-def answered(study: Study, question: str) -> dict[str, object]:
-    (row,) = ask(study, numbered([question])).to_dict("records")
-    return row
 
 
 def K_and_C(study: Study, **condition: str) -> list[np.ndarray]:
@@ -173,7 +158,7 @@ def test_an_outcome_at_levels_is_that_of_their_K_and_C(study: Study) -> None:
     K, C = K_and_C(study, side="left")
     force = outcomes("kelvin_voigt", {"K": K, "C": C}, 5.0, 2.0).peak_force
     row = answered(study, "peak_force[side=left, mass_kg=5, velocity_m_s=2]")
-    assert_allclose([row[n] for n in ("low", "median", "high")], np.quantile(force, [0.05, 0.5, 0.95]))
+    assert_allclose(three(row), np.quantile(force, [0.05, 0.5, 0.95]))
     assert row["unit"] == "N"
     claim = answered(study, f"peak_force[side=left, mass_kg=5, velocity_m_s=2] < {np.median(force)}")
     assert claim["posterior"] == 0.5
@@ -187,42 +172,35 @@ def test_a_drop_height_is_the_velocity_after_the_fall(study: Study) -> None:
     along = replace(study, law=Law(gravity=G))
     velocity = np.sqrt(2 * G * 0.3)
     fallen = answered(along, "energy_absorbed[mass_kg=5, drop_height_cm=30]")
-    assert_allclose(
-        fallen["median"], answered(along, f"energy_absorbed[mass_kg=5, velocity_m_s={velocity}]")["median"]
-    )
-    with pytest.raises(InputError, match="states no gravity along the motion"):
-        ask(study, numbered(["peak_force[drop_height_cm=30]"]))
+    thrown = answered(along, f"energy_absorbed[mass_kg=5, velocity_m_s={velocity}]")
+    assert_allclose(three(fallen), three(thrown))
     # Of a rail that slopes by 30 degrees h is how much lower the impact is.
     assert moving({"drop_height_cm": 30.0}, G / 2)["velocity_m_s"] == pytest.approx(velocity)
-
-
-def at_heights(study: Study, table: pd.DataFrame) -> pd.DataFrame:
-    return predict(study, read_conditions(table, study))
 
 
 def test_a_row_may_give_a_height_in_place_of_a_velocity(study: Study) -> None:
     along = replace(study, law=Law(gravity=G))
     heights = pd.DataFrame({"side": "left", "drop_height_cm": [12.0, 30.0, np.nan]})
-    velocities = pd.DataFrame(
-        {"side": "left", "velocity_m_s": [*np.sqrt(2 * G * np.array([0.12, 0.3])), 1.5]}
-    )
+    velocities = heights.assign(velocity_m_s=[*np.sqrt(2 * G * np.array([0.12, 0.3])), 1.5])
+    velocities = velocities.drop(columns="drop_height_cm")
     columns = ["velocity_m_s", "peak_force_N", "peak_displacement_m_low", "energy_absorbed_J_high"]
-    fallen, thrown = (at_heights(along, table)[columns] for table in (heights, velocities))
+    fallen, thrown = (at(along, table)[columns] for table in (heights, velocities))
     assert_allclose(fallen, thrown)
 
 
 def test_heights_that_can_not_be_are_refused_at_once(study: Study) -> None:
     table = pd.DataFrame({"velocity_m_s": [np.nan, np.nan, 2.0], "drop_height_cm": [0.0, -3.0, 30.0]})
     with pytest.raises(InputError) as caught:
-        at_heights(replace(study, law=Law(gravity=G)), table)
+        at(replace(study, law=Law(gravity=G)), table)
     told = "; ".join(map(str, caught.value.problems))
-    assert 'row 0, column drop_height_cm: found "0"; expected a number of cm above 0' in told
-    assert 'row 1, column drop_height_cm: found "-3"' in told
-    assert (
-        'row 2, column drop_height_cm: found "30"; expected drop_height_cm or velocity_m_s, not both' in told
-    )
+    for row, value, expected in (
+        (0, "0", "a number of cm above 0"),
+        (1, "-3", "a number of cm above 0"),
+        (2, "30", "drop_height_cm or velocity_m_s, not both"),
+    ):
+        assert f'row {row}, column drop_height_cm: found "{value}"; expected {expected}' in told
     with pytest.raises(InputError, match=r'row 1.*found "30".*velocity_m_s in its place, since this dataset'):
-        at_heights(study, pd.DataFrame({"drop_height_cm": [np.nan, 30.0]}))
+        at(study, pd.DataFrame({"drop_height_cm": [np.nan, 30.0]}))
 
 
 def test_without_gravity_a_height_is_a_covariate_or_nothing(study: Study) -> None:
@@ -232,15 +210,13 @@ def test_without_gravity_a_height_is_a_covariate_or_nothing(study: Study) -> Non
     assert unfit_height(recorded, ["drop_height_cm"], 0.0).startswith("velocity_m_s beside it")
     assert unfit_height(recorded, ["drop_height_cm", "velocity_m_s"], 0.0) == ""
     unused = replace(recorded, formulas={"K": "1", "C": "1"})
-    assert unfit_height(unused, ["drop_height_cm", "velocity_m_s"], 0.0).startswith(
-        "velocity_m_s in its place"
-    )
+    in_place = unfit_height(unused, ["drop_height_cm", "velocity_m_s"], 0.0)
+    assert in_place.startswith("velocity_m_s in its place")
     # A height in another unit would change nothing.
     other = replace(unused, rows=rows.rename(columns={"drop_height_cm": "drop_height_mm"}))
+    along = replace(study, recorded=other, law=Law(gravity=G))
     with pytest.raises(InputError, match=r'column drop_height_mm.*Is it "drop_height_cm"'):
-        read_conditions(
-            pd.DataFrame({"drop_height_mm": [300.0]}), replace(study, recorded=other, law=Law(gravity=G))
-        )
+        read_conditions(pd.DataFrame({"drop_height_mm": [300.0]}), along)
 
 
 def test_a_velocity_that_a_formula_is_of_is_that_after_the_fall(study: Study) -> None:
@@ -262,10 +238,10 @@ def test_a_velocity_that_a_formula_is_of_is_that_after_the_fall(study: Study) ->
 def test_what_a_height_leads_beyond_is_said_with_by_how_much(study: Study, table: dict) -> None:
     along = replace(study, law=Law(gravity=G))
     velocity = "velocity_m_s beyond those measured, 1.5 to 1.5, by 0.93"
-    (note,) = at_heights(along, pd.DataFrame(table))["note"]
+    (note,) = at(along, pd.DataFrame(table))["note"]
     assert velocity in note
     name, (value,) = next(iter(table.items()))
-    assert velocity in str(answered(along, f"peak_force[{name}={value}]")["note"])
+    assert velocity in answered(along, f"peak_force[{name}={value}]")["note"]
 
 
 def test_a_depth_that_no_impact_at_these_levels_reached_is_said(study: Study) -> None:
@@ -274,17 +250,16 @@ def test_a_depth_that_no_impact_at_these_levels_reached_is_said(study: Study) ->
     depths = np.where(left, 4e-4, 4e-3) + np.zeros((*SHAPE, len(left)))
     posterior = study.draws.assign(peak_depth=(("chain", "draw", "impact"), depths))
     measured = replace(study, draws=posterior)
-    on_left, on_right = predict(
-        measured, [{"velocity_m_s": 1.5, "side": side} for side in ("left", "right")]
-    )[["peak_displacement_m", "note"]].to_dict("records")
+    sides = [{"velocity_m_s": 1.5, "side": side} for side in ("left", "right")]
+    on_left, on_right = predict(measured, sides).to_dict("records")
     over = float(f"{1e3 * on_left['peak_displacement_m']:.4g}") - 0.4
     assert over > 0.5
     assert f"peak depth in mm beyond those measured, 0 to 0.4, by {over:.2g}" in on_left["note"]
     assert "peak depth" not in on_right["note"]
-    note = str(answered(measured, "peak_force[velocity_m_s=1.5, side=left]")["note"])
+    note = answered(measured, "peak_force[velocity_m_s=1.5, side=left]")["note"]
     assert "peak depth in mm beyond those measured, 0 to 0.4, by " in note
     for shallow in ("peak_force[velocity_m_s=0.3, side=left]", "peak_force[velocity_m_s=1.5, side=right]"):
-        assert "peak depth" not in str(answered(measured, shallow)["note"])
+        assert "peak depth" not in answered(measured, shallow)["note"]
 
 
 def test_levels_are_compared_by_outcomes(study: Study) -> None:
@@ -296,22 +271,6 @@ def test_levels_are_compared_by_outcomes(study: Study) -> None:
     assert_allclose(ratio["median"], np.median(sides[0] / sides[1]))
     least = answered(study, "min(peak_force[subject, mass_kg=1]) > 0")
     assert least["posterior"] == 1.0
-
-
-@pytest.mark.parametrize(
-    ("question", "why"),
-    [
-        ("peak_force[velocity_m_s=-1]", "a velocity above 0 m/s"),
-        ("peak_force[velocity_m_s=1, drop_height_cm=20]", "velocity_m_s alone"),
-        ("peak_force[mass_kg=heavy]", "a number after mass_kg="),
-        ("peak_force[height=30]", "a column that peak_force depends on here"),
-        ("peak_force[side=middle]", "a level of side: left, right"),
-        ("peak_forc", "Near: peak_force"),
-    ],
-)
-def test_what_an_outcome_can_not_be_asked_of(study: Study, question: str, why: str) -> None:
-    with pytest.raises(InputError, match=why):
-        ask(study, numbered([question]))
 
 
 def test_beside_a_discrepancy_outcomes_stay_where_it_is_slight(study: Study) -> None:
@@ -328,11 +287,13 @@ def test_beside_a_discrepancy_outcomes_stay_where_it_is_slight(study: Study) -> 
     for text in ("peak_force[side=right]", "peak_force", "best(side, lowest peak_depth)"):
         with pytest.raises(InputError, match="levels at which a law of force holds: side left"):
             ask(beside, numbered([text]))
+    with pytest.raises(InputError, match="beside a discrepancy there is no law"):
+        ask(replace(study, law=Law(described=False)), numbered(["peak_force[mass_kg=5]"]))
     people = ask(beside, numbered(["best(subject, lowest peak_depth[side=left])"]))
     assert people["level"].tolist() == ["s0", "s1", "s2", "s3"]
-    at = [{"side": "left", "velocity_m_s": 1.5}, {"side": "right", "velocity_m_s": 1.5}]
-    left, right = predict(beside, at).to_dict("records")
-    assert left["peak_force_N"] == predict(study, at)["peak_force_N"][0]
+    sides = [{"side": side, "velocity_m_s": 1.5} for side in ("left", "right")]
+    left, right = predict(beside, sides).to_dict("records")
+    assert left["peak_force_N"] == predict(study, sides)["peak_force_N"][0]
     assert np.isnan(right["peak_force_N"])
     assert (NO_LAW in left["note"], NO_LAW in right["note"]) == (False, True)
     # Of three levels the two that have a law are compared, and the third is named.
@@ -350,12 +311,3 @@ def test_beside_a_discrepancy_outcomes_stay_where_it_is_slight(study: Study) -> 
     answers = ask(of_two, numbered(["best(operator, lowest peak_depth)"]))
     assert answers["level"].tolist() == ["x", "z"]
     assert answers["note"].str.contains("no peaks: no law of operator y").all()
-
-
-def test_beside_a_discrepancy_no_law_is_known(study: Study) -> None:
-    with pytest.raises(InputError, match="beside a discrepancy there is no law"):
-        ask(replace(study, law=Law(described=False)), numbered(["peak_force[mass_kg=5]"]))
-
-
-def test_numbers_beyond_the_measured_are_said(study: Study) -> None:
-    assert "velocity_m_s beyond those measured" in str(answered(study, "peak_force[velocity_m_s=9]")["note"])

@@ -18,6 +18,7 @@ from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
 from bayestissue.mechanics.elements import outcomes
 from bayestissue.model.hierarchy.levels import log_at_levels
+from cases import cases
 from study_with_sides import study_with_sides
 
 G = 9.80665
@@ -153,24 +154,7 @@ def test_the_examples_of_the_commands_help_have_answers() -> None:
     assert answers["question"].drop_duplicates().tolist() == examples
 
 
-@pytest.mark.parametrize(
-    ("question", "expected"),
-    [
-        ("best(side, lowest 3)", "a quantity that levels may differ in"),
-        ("best(side, lowest K[side=left])", "a quantity of which levels of side may differ"),
-        ("best(mass_kg, lowest peak_force)", "mass_kg=number, since it has no levels"),
-        ("best(colour, lowest K)", "a column that K depends on here"),
-        ("best(side, K)", "lowest or highest"),
-        ("1 + best(side, K)", "one of abs, exp, log, max, mean, min, critical before"),
-        ("critical(velocity_m_s, peak_force)", "one of < <= > >="),
-        ("critical(velocity_m_s)", "a column of the motion and a claim"),
-        ("critical(mass_kg, peak_force < 100)", "one of drop_height_cm, velocity_m_s"),
-        ("critical(velocity_m_s, K < 100)", "a claim about an outcome"),
-        ("critical(velocity_m_s, peak_force[velocity_m_s=1] < 100)", "no velocity_m_s: it is what is asked"),
-        ("critical(drop_height_cm, peak_force < 100)", "states no gravity along the motion"),
-        ("critical(velocity_m_s, peak_force < 1 + (peak_force > 2))", "a number beside"),
-    ],
-)
+@pytest.mark.parametrize(("question", "expected"), cases(__file__, "refused"))
 def test_what_has_no_answer_is_refused(study: Study, question: str, expected: str) -> None:
     with pytest.raises(InputError) as refused:
         ask(study, numbered([question]))

@@ -18,9 +18,8 @@ from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
 from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
 from bayestissue.model.hierarchy.recorded import Recorded
-from designs import REFERENCE, contrasts, impacts
+from designs import REFERENCE, contrasts, impacts, normal_draws
 
-SHAPE = (2, 300)
 V = 1.5
 LAW = Law("kelvin_voigt", 0.0)
 
@@ -31,14 +30,7 @@ def recorded(**formulas: str) -> Recorded:
 
 
 def draws_of(seed: int, values: dict[str, float], sd: float = 0.05) -> xr.Dataset:
-    rng = np.random.default_rng(seed)
-    return xr.Dataset(
-        {
-            name: (("chain", "draw"), value + sd * rng.standard_normal(SHAPE))
-            for name, value in values.items()
-        },
-        {"chain": np.arange(SHAPE[0]), "draw": np.arange(SHAPE[1])},
-    )
+    return normal_draws(seed, sd, values, (2, 300))
 
 
 def closed_forms(K: np.ndarray, C: np.ndarray, M: float) -> dict[str, np.ndarray]:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 from numpy.testing import assert_allclose
 
 from bayestissue.base.results.tables import table_of_rows
@@ -25,13 +24,10 @@ from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.results.labels import design_dimensions, labelled
-from bayestissue.model.hierarchy import derived
-from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.formula import resolve
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.reports.pages.fit import study_answers
-from designs import REFERENCE, contrasts, design_of
+from designs import REFERENCE, any_draws, contrasts, design_of
 
 DRAWS = (2, 4)
 # So many designs in each test, and of each response's contrasts, levels of a variable.
@@ -91,23 +87,6 @@ def formula_of(rng: np.random.Generator, rows: pd.DataFrame) -> str:
     return str(resolve(wanted, rows, REFERENCE).terms)
 
 
-def drawn(design: Design, rng: np.random.Generator) -> xr.Dataset:
-    """Draws of everything, and what the program makes of them."""
-    population: dict[str, np.ndarray] = {}
-    for q, part in design.responses.items():
-        population |= {name: rng.normal(size=DRAWS) for name in (f"intercept_{q}", f"mass_exponent_{q}")}
-        population[f"covariate_effect_{q}"] = rng.normal(size=(*DRAWS, len(part.names)))
-        # Nothing scatters from impact to impact, so that a predicted impact is at its expectation.
-        population[f"sd_impact_{q}"] = np.zeros(DRAWS)
-        for term in part.terms:
-            levels = len(design.groupings[term.grouping].levels)
-            population[term.sd(q)] = rng.uniform(size=DRAWS)
-            population[term.effect(q)] = rng.normal(size=(*DRAWS, levels))
-    values = derived.formula_quantities(design, population)
-    values |= derived.level_quantities(design, values)
-    return labelled(values, design_dimensions(design), design.levels())
-
-
 def written(q: str, at: Mapping[str, Any]) -> str:
     brackets = ", ".join(
         f'{name}="{float(value)!r}"' if isinstance(value, float) else f'{name}="{value}"'
@@ -123,7 +102,7 @@ class Made:
         rng = np.random.default_rng(seed)
         rows = study_of(rng)
         self.design = design_of(formula_of(rng, rows), formula_of(rng, rows), rows=rows)
-        self.draws, self.recorded = drawn(self.design, rng), self.design.recorded
+        self.draws, self.recorded = any_draws(self.design, rng, DRAWS), self.design.recorded
         self.rng = rng
 
     def asked(self, text: str) -> np.ndarray:

@@ -7,11 +7,8 @@ import xarray as xr
 
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
-from bayestissue.model.hierarchy import derived
-from designs import design_of, impacts
+from designs import any_draws, design_of, impacts
 
-SHAPE = (2, 200)
 FORMULA = "{1 / mass_kg} + side + (`t/s`|subject) + (1|subject:side)"
 
 
@@ -20,16 +17,7 @@ def test_they_are_kept_in_a_file_and_asked_of(tmp_path):
     rows["side"] = rows["side"].map({"left": "n/a", "right": "pre/post: 'x' \"y\""})
     rows["t/s"] = np.random.default_rng(0).uniform(size=len(rows))
     design, rng = design_of(FORMULA, "1", rows=rows), np.random.default_rng(1)
-    population = {"residual_correlation": np.zeros(SHAPE)}
-    for q, part in design.responses.items():
-        population |= {f"intercept_{q}": rng.normal(size=SHAPE), f"sd_impact_{q}": np.ones(SHAPE)}
-        population[f"covariate_effect_{q}"] = rng.normal(size=(*SHAPE, len(part.names)))
-        for term in part.terms:
-            levels = len(design.groupings[term.grouping].levels)
-            population |= {term.sd(q): np.ones(SHAPE), term.effect(q): rng.normal(size=(*SHAPE, levels))}
-    values = derived.formula_quantities(design, population)
-    values |= derived.level_quantities(design, values)
-    draws = labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
+    draws = any_draws(design, rng, (2, 200))
     xr.DataTree.from_dict({"posterior": draws}).to_netcdf(tmp_path / "p.nc", engine="h5netcdf")
     with xr.open_datatree(tmp_path / "p.nc", engine="h5netcdf") as tree:
         read = tree["posterior"].to_dataset().load()
