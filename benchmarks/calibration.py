@@ -22,6 +22,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -31,10 +32,10 @@ import numpy as np
 import numpyro
 import pandas as pd
 from coverage import campaign
-from evidence import recorded
+from evidence import measure
+from evidence.simulations import tables
 from numpyro.infer import Predictive
 
-from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.model.hierarchy.specification import Sampler, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
@@ -45,15 +46,7 @@ from bayestissue.studies.simulation import simulate
 
 # A rank's standard deviation is known to 5 % of itself, that of all 40 quantities together to a percent.
 SAMPLES, RANKS, DATA_SETS = 110, 100, 80
-SEEDS = {"arma": 2026, "a2": 2026, "impact": 2026, "designs": 2027, "shared": 2028}
-FACTORS: dict[str, tuple[dict[str, Any], ...]] = {
-    "designs": (
-        {"name": "side", "levels": ["left", "right"]},
-        {"name": "session", "levels": 4, "every": False},
-    )
-}
-# In the place of the campaign's own.
-UNCERTAINTY = {"shared": {"relative_mass_sd": 0.1}}
+TABLES = tables(__file__)
 # Of four chains, which agree sooner than two, twice as many effective draws as there are ranks.
 SAMPLER = Sampler(chains=4, draws=150, effective=200)
 HERE = Path(__file__).parent
@@ -89,15 +82,14 @@ def blank(kind: str, people: Mapping[str, Sequence[str]] = MappingProxyType({}),
     ``design`` replaces parts of the design of coverage.py, and ``people`` has further columns of the
     impacts, whose values people take in turn.
     """
-    specification = read_specification(HERE / f"calibration-{kind}.toml")
-    made = campaign(0)
-    changed = {**made.design.model_dump(), "factors": FACTORS.get(kind, ()), **design}
-    dataset = simulate(made.model_copy(update={"design": type(made.design).model_validate(changed)})).dataset(
-        "calibration"
-    )
+    specification, own = read_specification(HERE / f"calibration-{kind}.toml"), TABLES.get(kind, {})
+    made = campaign("impact", 0)
+    changed = {**made.design.model_dump(), "factors": own.get("factors", ()), **design}
+    made = made.model_copy(update={"design": type(made.design).model_validate(changed)})
+    dataset = simulate(made).dataset("calibration")
     person = pd.factorize(dataset.impacts["subject"])[0]
     columns = {name: np.resize(values, person.max() + 1)[person] for name, values in people.items()}
-    uncertainty = dataset.uncertainty.model_copy(update=UNCERTAINTY.get(kind, {}))
+    uncertainty = dataset.uncertainty.model_copy(update=own.get("uncertainty", {}))
     dataset = replace(dataset, impacts=dataset.impacts.assign(**columns)).with_settings(
         uncertainty=uncertainty
     )
@@ -117,11 +109,23 @@ def drawing(base: Prepared) -> Callable[..., Any]:
     return jax.jit(Predictive(drawn, num_samples=1))
 
 
-def ranks_of_one(
-    base: Prepared, draw: Callable[..., Any], number: int, seed: int, *, groups: Sequence[str] = ()
-) -> dict[str, float]:
-    """The ranks of one drawn data set; of each part of b in ``groups`` that of its first effect."""
-    model, key = base.model, jax.random.fold_in(jax.random.PRNGKey(seed), number)
+@cache
+def of_kind(kind: str) -> tuple[Prepared, Callable[..., Any], list[str]]:
+    """The study without traces, what draws it, and the parts of b whose first effects are ranked."""
+    base = blank(kind)
+    groups = [
+        term.effect(q)
+        for q in "KC"
+        for term in base.design.responses[q].terms
+        if term.grouping != "trial" and "factors" in TABLES[kind]
+    ]
+    return base, drawing(base), groups
+
+
+def ranks_of_one(kind: str, number: int) -> dict[str, float]:
+    """The ranks of one drawn data set; of each part of b among the groups that of its first effect."""
+    base, draw, groups = of_kind(kind)
+    model, key = base.model, jax.random.fold_in(jax.random.PRNGKey(TABLES[kind]["seed"]), number)
     drawn = {name: np.asarray(value[0]) for name, value in draw(key, base.data).items()}
     prepared = with_traces(base, drawn["trace"])
     chains = sample(prepared, SAMPLER, number)
@@ -131,13 +135,11 @@ def ranks_of_one(
     for name in ("intercept_K", "intercept_C", "mass_exponent_K", "mass_exponent_C", *groups):
         truth[name] = drawn["locations"][model.locations.parts[name]][0]
         posterior[name] = found.population[name][..., 0] if name in groups else found.population[name]
-    for q in "KC":
-        if f"subject_mass_exponent_deviation_{q}" in groups:
-            name = f"subject_mass_exponent_{q}"
+    for name in groups:
+        if name.startswith(stem := "subject_mass_exponent_deviation"):
             for values in (truth, posterior):
-                values[name] = (
-                    values.pop(f"subject_mass_exponent_deviation_{q}") + values[f"mass_exponent_{q}"]
-                )
+                q = name.removeprefix(f"{stem}_")
+                values[f"subject_mass_exponent_{q}"] = values.pop(name) + values[f"mass_exponent_{q}"]
     first = np.concatenate([drawn["log_K_and_C"][0], [drawn[name][0] for name in model.nuisance]])
     for i, name in enumerate(("K", "C", *model.nuisance)):
         truth[f"{name} of an impact"] = first[i]
@@ -152,18 +154,7 @@ def _rank(draws: np.ndarray, truth: np.ndarray) -> int:
 
 def main() -> None:
     kind = sys.argv[1]
-    runtime.configure()
-    with recorded(f"calibration-{kind}") as record:
-        base = blank(kind)
-        draw = drawing(base)
-        groups = [
-            term.effect(q)
-            for q in "KC"
-            for term in base.design.responses[q].terms
-            if term.grouping != "trial" and kind in FACTORS
-        ]
-        for number in record.missing(range(DATA_SETS)):
-            record.add(number, [ranks_of_one(base, draw, number, SEEDS[kind], groups=groups)])
+    measure(f"calibration-{kind}", range(DATA_SETS), partial(ranks_of_one, kind))
 
 
 if __name__ == "__main__":

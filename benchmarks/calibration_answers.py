@@ -28,7 +28,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -39,11 +39,13 @@ import pandas as pd
 import xarray as xr
 from calibration import SAMPLES, blank, drawing
 from evidence import recorded
+from evidence.simulations import tables
 from jax import Array
 from numpyro.diagnostics import split_gelman_rubin
 from numpyro.distributions import biject_to
 from numpyro.infer import HMC
 from scipy.constants import g as standard_gravity
+from studies import ends
 
 from bayestissue.base import runtime
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
@@ -77,84 +79,26 @@ from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.model.hierarchy.trace_models import TraceModel, hyperparameters_at, sites_by_cell
 
 SEED = 2028
-DESIGN: dict[str, Any] = {
-    "subjects": 8,
-    "conditions": [
-        {"trial": trial, "mass_kg": mass, "velocity_m_s": velocity}
-        for trial, mass, velocity in (("t1", 0.575, 1.2), ("t2", 0.575, 1.2), ("t3", 1.1, 0.9))
-    ],
-    "factors": (
-        {"name": "side", "levels": ["left", "right"]},
-        {"name": "session", "levels": ["d1", "d2", "d3"], "every": False},
-    ),
-}
-# Two masses of each person, before and after, left and right.
-CLINIC: dict[str, Any] = {
-    "subjects": 10,
-    "conditions": [
-        {"trial": trial, "mass_kg": mass, "velocity_m_s": velocity}
-        for trial, mass, velocity in (("t1", 0.575, 1.2), ("t2", 1.1, 0.9))
-    ],
-    "factors": (
-        {"name": "side", "levels": ["left", "right"]},
-        {"name": "session", "levels": ["after", "before"]},
-    ),
-}
-AGES = (31.0, 44.0, 52.0, 27.0, 63.0, 38.0, 55.0, 41.0, 29.0, 60.0)
+TRIALS = tables(__file__)
 REFERENCE_KG = 0.7
 DETECTABLE, EQUIVALENCE = 1.96 * np.sqrt(2), 0.1
-PREDICTED = {
-    "of a recorded person, side, condition and session": {
-        **{"subject": "s03", "side": "right", "trial": "t1", "session": "d2"},
-        **{"mass_kg": 0.575, "velocity_m_s": 1.2},
-    },
-    "of a recorded person and side, all else new": {
-        **{"subject": "s06", "side": "left", "mass_kg": 0.8, "velocity_m_s": 1.0}
-    },
-    "of a new person": {"sex": "m", "side": "right", "mass_kg": 0.575, "velocity_m_s": 1.2},
-}
 # Of the log of K and of C given one trace, and the correlation of the two errors.
 MEASUREMENT_SD, CORRELATION = {"K": 0.05, "C": 0.08}, -0.5
 WARMUP, DRAWS, LEAPFROGS, BLOCK = 400, 800, 8, 50
 # A study whose chain has not converged is sampled again, so often.
 MOST_RHAT, PASSES = 1.02, 5
+# Parts of the variance of a measurement about the person's value: by agreement, by consistency, of a repeat,
+# of what the person does.
+PARTS = {
+    "A": ("subject_side", "trial", "session", "impact", "chain"),
+    "C": ("subject_side", "impact", "chain"),
+    "R": ("impact", "chain"),
+    "person": ("impact",),
+}
 
 Levels = Mapping[str, str | float]
-
-
-@dataclass(frozen=True)
-class Trial:
-    """What is simulated and asked.
-
-    Attributes:
-        kind: of the model file.
-        studies: how many; of 100 a share of 90 % of one answer's intervals is known to 3 %, of 200 to 2 %.
-        design: of the simulation, in the place of that of coverage.py.
-        people: further columns, whose values people take in turn.
-        groups: of the formula, which K and C share.
-        averaged: categories over which a value is averaged where they are not given.
-        columns: of the formula's covariates, at levels all of which are given.
-        asked: of a finished fit, its reliability and what is true, what is to be kept.
-    """
-
-    kind: str
-    studies: int
-    design: dict[str, Any]
-    people: Mapping[str, tuple[Any, ...]]
-    groups: tuple[str, ...]
-    averaged: Mapping[str, tuple[str, ...]]
-    columns: Callable[[Levels], np.ndarray]
-    asked: Callable[[Study, pd.DataFrame, World], Iterator[tuple[str, str, float]]]
-
-    def complete(self, at: Levels) -> dict[str, Any]:
-        """What belongs to a person follows the person; other numbers are at their mean."""
-        known = dict(at)
-        for name, values in self.people.items():
-            if "subject" in at:
-                known[name] = values[(int(str(at["subject"])[1:]) - 1) % len(values)]
-            elif name not in self.averaged:
-                known.setdefault(name, np.mean(values))
-        return known
+# What is kept of an answer, as "kind of answer|which|what", and its number.
+Lines = Iterator[tuple[str, float]]
 
 
 @dataclass(frozen=True)
@@ -162,90 +106,79 @@ class World:
     """What was drawn of one study.
 
     Attributes:
-        fixed: of K and of C the coefficients of `_columns`.
+        trial: what was simulated, a table of calibration_answers.toml.
+        columns: of the formula's covariates, at levels all of which are given.
+        fixed: of K and of C the coefficients of the columns.
         effects: of each group and response, by level.
         sd: the standard deviations and the correlation, by name.
-        measurement: variance that one trace leaves of log K and of log C, the median over impacts.
         sessions: how many a person came to, the median.
         random: of new levels and impacts.
-        trial: what was simulated.
     """
 
+    trial: Mapping[str, Any]
+    columns: Callable[[Levels], np.ndarray]
     fixed: dict[str, np.ndarray]
     effects: dict[tuple[str, str], dict[str, float]]
     sd: dict[str, float]
-    measurement: dict[str, float]
     sessions: float
     random: np.random.Generator
-    trial: Trial
+
+    def complete(self, at: Levels) -> dict[str, Any]:
+        """What belongs to a person follows the person; other numbers are at their mean."""
+        known = dict(at)
+        for name, values in self.trial["people"].items():
+            if "subject" in at:
+                known[name] = values[(int(str(at["subject"])[1:]) - 1) % len(values)]
+            elif name not in self.trial["averaged"]:
+                known.setdefault(name, np.mean(values))
+        return known
 
     def log(self, q: str, new: bool = False, **at: Any) -> float:
         """Expected log at some levels, averaged over categories that are not given.
 
         Groups that are not given are typical, or ``new``; of a person's sides the average.
         """
-        at = self.trial.complete(at)
-        free = {name: levels for name, levels in self.trial.averaged.items() if name not in at}
+        at = self.complete(at)
+        free = {name: levels for name, levels in self.trial["averaged"].items() if name not in at}
         every = [at | dict(zip(free, levels, strict=True)) for levels in product(*free.values())]
-        found = float(np.mean([self.trial.columns(each) @ self.fixed[q] for each in every]))
-        for group in self.trial.groups:
-            names = group.split(":")
-            levels = {":".join(str(each.get(name, "")) for name in names) for each in every}
-            known = [
-                self.effects[group, q][level] for level in sorted(levels) if level in self.effects[group, q]
-            ]
-            if known:
+        found = float(np.mean([self.columns(each) @ self.fixed[q] for each in every]))
+        for group in self.trial["groups"]:
+            effects = self.effects[group, q]
+            levels = {":".join(str(each.get(name, "")) for name in group.split(":")) for each in every}
+            if known := [effects[level] for level in sorted(levels) if level in effects]:
                 found += float(np.mean(known))
             elif new:
                 found += self.sd[f"sd_{group.replace(':', '_')}_{q}"] * self.random.standard_normal()
         return found
 
     def value(self, q: str, **at: Any) -> float:
-        """K or C at some levels."""
-        return float(np.exp(self.log(q, **at)))
-
-    def outcome(self, name: str, **at: Any) -> float:
-        """An outcome of the reference impact at some levels."""
-        K, C = (self.value(q, **at) for q in "KC")
-        velocity = np.mean([one["velocity_m_s"] for one in self.trial.design["conditions"]])
-        return outcomes_of(K, C, REFERENCE_KG, float(velocity))[name]
+        """K, C, or an outcome of the reference impact, at some levels."""
+        if q in RESPONSES:
+            return float(np.exp(self.log(q, **at)))
+        velocity = np.mean([one["velocity_m_s"] for one in self.trial["design"]["conditions"]])
+        return outcomes_of(self.value("K", **at), self.value("C", **at), REFERENCE_KG, float(velocity))[q]
 
     def over(self, q: str, upper: Levels, lower: Levels) -> float:
         """Ratio of K, of C or of an outcome at some levels to that at others."""
-        value = self.value if q in RESPONSES else self.outcome
-        return value(q, **upper) / value(q, **lower)
+        return self.value(q, **upper) / self.value(q, **lower)
 
     def people(self, q: str, **at: Any) -> list[float]:
         """K or C of each person."""
         return [self.value(q, subject=level, **at) for level in self.effects["subject", q]]
 
-    def icc(self, q: str, form: str, *, averaged: bool = False) -> float:
-        """Intraclass correlation of one impact, or of all six of a person: both sides in three conditions."""
-        people, side, trial, session, impact = (
-            self.sd[f"sd_{name}_{q}"] ** 2
-            for name in ("subject", "subject_side", "trial", "session", "impact")
-        )
-        sides, trials, sessions, k = (2, 3, self.sessions, 6) if averaged else (1, 1, 1, 1)
-        error = side / sides + (impact + self.measurement[q]) / k
-        if form == "A":
-            error += trial / trials + session / sessions
-        return people / (people + error)
+    def variance(self, part: str, q: str) -> float:
+        """Of log K or log C by a group, by impact, or by the measuring chain of one trace."""
+        return (MEASUREMENT_SD[q] if part == "chain" else self.sd[f"sd_{part}_{q}"]) ** 2
 
     def error(self, q: str, form: str, *, averaged: bool = False) -> float:
-        """Variance of a measurement, or of a mean of six, about the person's own value.
+        """Variance of one measurement, or of all six of a person: both sides in three conditions."""
+        times = {"subject_side": 2, "trial": 3, "session": self.sessions, "impact": 6, "chain": 6}
+        return sum(self.variance(part, q) / (times[part] if averaged else 1) for part in PARTS[form])
 
-        By agreement "A", consistency "C", of a repeat "R", or what the "person" does.
-        """
-        side, trial, session, impact = (
-            self.sd[f"sd_{name}_{q}"] ** 2 for name in ("subject_side", "trial", "session", "impact")
-        )
-        sides, trials, sessions, k = (2, 3, self.sessions, 6) if averaged else (1, 1, 1, 1)
-        found = (impact + (0.0 if form == "person" else self.measurement[q])) / k
-        if form in "AC":
-            found += side / sides
-        if form == "A":
-            found += trial / trials + session / sessions
-        return found
+    def icc(self, q: str, form: str, *, averaged: bool = False) -> float:
+        """Intraclass correlation of one measurement, or of all six of a person."""
+        people = self.variance("subject", q)
+        return people / (people + self.error(q, form, averaged=averaged))
 
     def new_impact(self, at: Levels) -> dict[str, float]:
         """K, C and the peaks of one new impact."""
@@ -259,40 +192,39 @@ class World:
         return {"K": K, "C": C} | outcomes_of(K, C, float(at["mass_kg"]), float(at["velocity_m_s"]))
 
 
+def _log_mass(at: Levels) -> float:
+    return float(np.log(float(at.get("mass_kg", REFERENCE_KG)) / REFERENCE_KG))
+
+
 def _columns(at: Levels) -> np.ndarray:
-    log_mass = np.log(float(at.get("mass_kg", REFERENCE_KG)) / REFERENCE_KG)
-    return np.array([1.0, log_mass, at["side"] == "right", at["sex"] == "m"], float)
+    return np.array([1.0, _log_mass(at), at["side"] == "right", at["sex"] == "m"], float)
 
 
 def _clinic_columns(at: Levels) -> np.ndarray:
-    log_mass = np.log(float(at.get("mass_kg", REFERENCE_KG)) / REFERENCE_KG)
     treated, after, right = at["group"] == "treated", at["session"] == "after", at["side"] == "right"
-    age = float(at["age"]) - np.mean(AGES)
-    return np.array([1.0, log_mass, treated, after, treated * after, right, right * after, age], float)
-
-
-def _roots(K: float, C: float, M: float) -> np.ndarray:
-    return np.roots([M, C, K]).astype(complex)
-
-
-def deceleration(K: float, C: float, M: float, V: float, t: np.ndarray) -> np.ndarray:
-    """-x'' of M x'' + C x' + K x = 0 that starts at 0 with V."""
-    s = _roots(K, C, M)
-    return (V * (s[1] ** 2 * np.exp(s[1] * t) - s[0] ** 2 * np.exp(s[0] * t)) / (s[0] - s[1])).real
+    age = float(at["age"]) - np.mean(TRIALS["clinic"]["people"]["age"])
+    return np.array([1.0, _log_mass(at), treated, after, treated * after, right, right * after, age], float)
 
 
 def outcomes_of(K: float, C: float, M: float, V: float) -> dict[str, float]:
     """What an impact without gravity comes to, by the names of `QUANTITIES`.
 
-    x is greatest at t, where s_0 exp(s_0 t) = s_1 exp(s_1 t), and x'' is 0 at 2 t, where the impactor leaves.
+    M x'' + C x' + K x = 0 starts at 0 with V. x is greatest at t, where s_0 exp(s_0 t) = s_1 exp(s_1 t), and
+    x'' is 0 at 2 t, where the impactor leaves.
     """
-    s = _roots(K, C, M)
+    s = np.roots([M, C, K]).astype(complex)
+
+    def derivative(order: int, t: Any) -> Any:
+        """Of x by time."""
+        return (
+            V * (s[0] ** order * np.exp(s[0] * t) - s[1] ** order * np.exp(s[1] * t)) / (s[0] - s[1])
+        ).real
+
     time = float((np.log(s[1] / s[0]) / (s[0] - s[1])).real)
-    depth = float((V * (np.exp(s[0] * time) - np.exp(s[1] * time)) / (s[0] - s[1])).real)
-    end = -float((V * (s[0] * np.exp(2 * s[0] * time) - s[1] * np.exp(2 * s[1] * time)) / (s[0] - s[1])).real)
-    force = M * float(deceleration(K, C, M, V, np.linspace(0.0, time, 2001)).max())
+    end = -float(derivative(1, 2 * time))
+    force = -M * float(derivative(2, np.linspace(0.0, time, 2001)).min())
     return {
-        "peak_depth": depth,
+        "peak_depth": float(derivative(0, time)),
         "peak_force": force,
         "time_to_peak": time,
         "peak_deceleration": force / (M * standard_gravity),
@@ -304,26 +236,25 @@ def outcomes_of(K: float, C: float, M: float, V: float) -> dict[str, float]:
 
 
 def world_of(
-    trial: Trial, base: Prepared, drawn: Mapping[str, np.ndarray], random: np.random.Generator
+    kind: str, base: Prepared, drawn: Mapping[str, np.ndarray], random: np.random.Generator
 ) -> World:
     """Of what was drawn of a study, see `World`."""
+    trial, columns = TRIALS[kind], COLUMNS[kind]
     rows, model, b = base.impacts, base.model, drawn["locations"]
     about = np.asarray(expected(base.data.design, b))[:2, : len(rows)]
     fixed, effects = {}, {}
-    columns = np.stack([trial.columns(row) for row in rows.to_dict("records")])
-    for place, q in enumerate("KC"):
-        left = about[place].copy()
-        for group in trial.groups:
+    table = np.stack([columns(row) for row in rows.to_dict("records")])
+    for left, q in zip(about.copy(), "KC", strict=True):
+        for group in trial["groups"]:
             grouping = base.design.groupings[group]
             own = b[model.locations.parts[f"{group.replace(':', '_')}_effect_{q}"]]
             left -= own[grouping.code]
             effects[group, q] = dict(zip(grouping.levels, own.tolist(), strict=False))
-        fixed[q], miss, *_ = np.linalg.lstsq(columns, left)
+        fixed[q], miss, *_ = np.linalg.lstsq(table, left)
         assert miss.sum() < 1e-12
     sd = {name: float(drawn[name]) for name in model.hyperparameters}
-    measurement = {q: MEASUREMENT_SD[q] ** 2 for q in "KC"}
     sessions = float(rows.groupby("subject")["session"].nunique().median())
-    return World(fixed, effects, sd, measurement, sessions, random, trial)
+    return World(trial, columns, fixed, effects, sd, sessions, random)
 
 
 QUESTIONS: dict[str, Callable[[World], bool | float]] = {
@@ -353,72 +284,70 @@ QUESTIONS: dict[str, Callable[[World], bool | float]] = {
 }
 
 
-def lines_of(finished: Study, reliable: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
-    """Of every answer what is to be kept, as "kind of answer: which", and a number."""
+def lines_of(finished: Study, reliable: pd.DataFrame, world: World) -> Lines:
+    """Of every answer what is to be kept."""
     yield from _of_reliability(reliable, world)
-    compared = Contrasts(finished)
-    for row in contrasts_table(compared, EQUIVALENCE).to_dict("records"):
-        names = str(row["factor"]).split(":")
-        upper, lower = (dict(zip(names, row[side].split(":"), strict=True)) for side in ("level", "against"))
+    for row in contrasts_table(Contrasts(finished), EQUIVALENCE).to_dict("records"):
+        upper, lower = _sides(row)
         if upper.get("subject", "s01") == "s01":
             yield from _of_ratio("comparison", row, world.over(row["quantity"], upper, lower))
     for row in ask(finished, numbered(QUESTIONS)).to_dict("records"):
-        truth = QUESTIONS[row["question"]](world)
+        truth = float(QUESTIONS[row["question"]](world))
         name = f"question|{row['question']}"
         if np.isfinite(row["median"]):
-            yield name, "interval", _side(row, float(truth))
+            yield f"{name}|interval", _side(row, truth)
         else:
-            yield from (
-                (name, "p", row["posterior"]),
-                (name, "prior", row["prior"]),
-                (name, "true", float(truth)),
-            )
-    stems = ("typical_person", "side", "sex", "subject", "subject_side", "session")
-    yield from _of_levels(finished.draws, world, stems)
-    made = predict(finished, list(PREDICTED.values())).to_dict("records")
-    for (which, at), row in zip(PREDICTED.items(), made, strict=True):
-        truth = world.new_impact(at)
-        for q in truth:
-            column = QUANTITIES[q]
-            low_high = {end: row[f"{column}_{end}"] for end in ("low", "high")}
-            yield f"prediction|{q} {which}", "interval", _side(low_high, truth[q])
+            yield from {
+                f"{name}|p": row["posterior"],
+                f"{name}|prior": row["prior"],
+                f"{name}|true": truth,
+            }.items()
+    yield from _of_levels(finished.draws, world)
+    predicted = world.trial["predicted"]
+    made = predict(finished, list(predicted.values())).to_dict("records")
+    for (which, at), row in zip(predicted.items(), made, strict=True):
+        for q, truth in world.new_impact(at).items():
+            low_high = {end: row[f"{QUANTITIES[q]}_{end}"] for end in ("low", "high")}
+            yield f"prediction|{q} {which}|interval", _side(low_high, truth)
 
 
-def clinic_lines(finished: Study, _: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
+def clinic_lines(finished: Study, _: pd.DataFrame, world: World) -> Lines:
     """The same of a trial: every comparison, its interactions by the differences of what was drawn."""
-    compared = Contrasts(finished)
-    for row in contrasts_table(compared, EQUIVALENCE).to_dict("records"):
-        q, names = row["quantity"], row["factor"].split(":")
+    for row in contrasts_table(Contrasts(finished), EQUIVALENCE).to_dict("records"):
+        q = row["quantity"]
         if row["kind"] == "interaction":
-            pairs = [row[side].split(":") for side in ("level", "against")]
-            inner = pairs[0][1].split("/")
+            upper, lower = _sides(row)
+            outer, inner = upper
+            levels = upper[inner].split("/")
             ratios = [
-                world.over(q, *({names[0]: one, names[1]: other} for other in inner)) for one, _ in pairs
+                world.over(q, *({outer: side[outer], inner: level} for level in levels))
+                for side in (upper, lower)
             ]
             yield from _of_ratio("interaction", row, ratios[0] / ratios[1])
         else:
-            at = (dict(zip(names, row[side].split(":"), strict=True)) for side in ("level", "against"))
-            yield from _of_ratio(f"comparison of {row['kind']}", row, world.over(q, *at))
-    stems = ("typical_person", "side", "group", "session", "subject", "subject_side", "subject_session")
-    yield from _of_levels(finished.draws, world, stems)
+            yield from _of_ratio(f"comparison of {row['kind']}", row, world.over(q, *_sides(row)))
+    yield from _of_levels(finished.draws, world)
 
 
-def _of_levels(posterior: xr.Dataset, world: World, stems: Sequence[str]) -> Iterator[tuple[str, str, float]]:
+def _sides(row: Mapping[str, Any]) -> list[dict[str, str]]:
+    """The levels that a comparison compares, by factor."""
+    names = row["factor"].split(":")
+    return [dict(zip(names, row[side].split(":"), strict=True)) for side in ("level", "against")]
+
+
+def _of_levels(posterior: xr.Dataset, world: World) -> Lines:
     """K and C in their units of a typical person, and of levels such as sides, people, people's sides."""
-    for q in RESPONSES:
-        for stem in stems:
-            array = posterior[f"{q}_{stem}"]
-            dims = [str(name) for name in array.dims if name not in ("chain", "draw")]
-            labels = array[dims[0]].to_numpy().astype(str) if dims else [""]
-            draws = array.transpose("chain", "draw", ...).to_numpy().reshape(-1, len(labels))
-            low, high = np.quantile(draws, [0.05, 0.95], axis=0)
-            for place, label in enumerate(labels):
-                at = dict(zip(dims[0].split(":"), label.split(":"), strict=True)) if dims else {}
-                ends = {"low": low[place], "high": high[place]}
-                yield f"level|{q} of {stem} {label}".rstrip(), "interval", _side(ends, world.value(q, **at))
+    for q, stem in product(RESPONSES, world.trial["levels"]):
+        array = posterior[f"{q}_{stem}"]
+        (factor,) = {str(name) for name in array.dims} - {"chain", "draw"} or {""}
+        labels = array[factor].to_numpy().astype(str) if factor else [""]
+        for label, low, high in zip(labels, *np.atleast_2d(ends(array).T).T, strict=True):
+            at = dict(zip(factor.split(":"), label.split(":"), strict=True)) if factor else {}
+            side = _side({"low": low, "high": high}, world.value(q, **at))
+            yield f"level|{f'{q} of {stem} {label}'.rstrip()}|interval", side
 
 
-def _of_reliability(reliable: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
+def _of_reliability(reliable: pd.DataFrame, world: World) -> Lines:
     for row in reliable.to_dict("records"):
         q, measure, form = (str(row[name]) for name in ("quantity", "measure", "form"))
         if form == "measuring chain":
@@ -437,17 +366,17 @@ def _of_reliability(reliable: pd.DataFrame, world: World) -> Iterator[tuple[str,
             assert measure == REPEATS
             target, one = float(form.split()[-1]), world.icc(q, letter)
             truth = max(1.0, np.ceil(target / (1 - target) * (1 - one) / one))
-        yield f"reliability|{q}, {measure}, {form}, {row['unit']}", "interval", _side(row, truth)
+        yield f"reliability|{q}, {measure}, {form}, {row['unit']}|interval", _side(row, truth)
 
 
-def _of_ratio(kind: str, row: Mapping[str, Any], truth: float) -> Iterator[tuple[str, str, float]]:
+def _of_ratio(kind: str, row: Mapping[str, Any], truth: float) -> Lines:
     which = f"{kind}|{row['factor']} {row['level']} over {row['against']}, {row['quantity']}"
-    yield which, "interval", _side(row, truth)
-    yield f"{which}, direction", "p", row["p_direction"]
-    yield f"{which}, direction", "true", float((truth > 1) == (row["ratio"] > 1))
+    yield f"{which}|interval", _side(row, truth)
+    yield f"{which}, direction|p", row["p_direction"]
+    yield f"{which}, direction|true", float((truth > 1) == (row["ratio"] > 1))
     if "p_equivalent" in row:
-        yield f"{which}, equivalent", "p", row["p_equivalent"]
-        yield f"{which}, equivalent", "true", float(abs(np.log(truth)) < np.log1p(EQUIVALENCE))
+        yield f"{which}, equivalent|p", row["p_equivalent"]
+        yield f"{which}, equivalent|true", float(abs(np.log(truth)) < np.log1p(EQUIVALENCE))
 
 
 def _side(row: Mapping[str, Any], truth: float) -> float:
@@ -455,25 +384,8 @@ def _side(row: Mapping[str, Any], truth: float) -> float:
     return float(truth > row["high"]) - float(truth < row["low"])
 
 
-TRIALS = {
-    "answers": Trial(
-        *("answers", 100, DESIGN, {"sex": ("f", "m")}),
-        groups=("subject", "subject:side", "trial", "session"),
-        averaged={"side": ("left", "right"), "sex": ("f", "m")},
-        columns=_columns,
-        asked=lines_of,
-    ),
-    "clinic": Trial(
-        *("clinic", 100, CLINIC, {"group": ("treated", "control"), "age": AGES}),
-        groups=("subject", "subject:side", "subject:session"),
-        averaged={
-            **{"side": ("left", "right"), "group": ("treated", "control")},
-            "session": ("after", "before"),
-        },
-        columns=_clinic_columns,
-        asked=clinic_lines,
-    ),
-}
+COLUMNS = {"answers": _columns, "clinic": _clinic_columns}
+ASKED = {"answers": lines_of, "clinic": clinic_lines}
 
 
 @by_row(64, constant=2)
@@ -489,24 +401,25 @@ def effects_of_sites(
 class Studies:
     """Studies of one design: drawn, sampled and asked."""
 
-    def __init__(self, trial: Trial) -> None:
-        self._trial = trial
-        self._base = base = blank(trial.kind, trial.people, **trial.design)
+    def __init__(self, kind: str) -> None:
+        self._kind, trial = kind, TRIALS[kind]
+        self._base = base = blank(kind, trial["people"], **trial["design"])
         self._draw, self._sample = drawing(base), jax.jit(jax.vmap(self._chain))
-        self._recorded = base.design.recorded
         drawn, _ = drawn_from_prior(base.model, base.data, jax.random.PRNGKey(SEED))
         self._prior = self._labelled(drawn, drawn.pop("locations"), np.random.default_rng(SEED))
+        zeros = np.zeros((len(base.impacts), 3))
+        sites = GaussianFactor(zeros, zeros, np.broadcast_to(np.eye(3), (len(zeros), 3, 3)), zeros[:, 0])
+        self._cells = sites_by_cell(base.data, sites)
 
     def converged(self, numbers: Sequence[int]) -> list[dict[str, float]]:
         """`rows` of these studies; those whose chain has not converged are sampled again from elsewhere."""
         rows: dict[float, dict[str, float]] = {}
         for attempt in range(PASSES):
             if len(rows) < len(numbers):
-                rows |= {
-                    row["data_set"]: row
-                    for row in self.rows(numbers, attempt)
-                    if row["rhat"] < MOST_RHAT and row["data_set"] not in rows
+                found = {
+                    row["data_set"]: row for row in self.rows(numbers, attempt) if row["rhat"] < MOST_RHAT
                 }
+                rows |= {number: row for number, row in found.items() if number not in rows}
         return list(rows.values())
 
     def rows(self, numbers: Sequence[int], attempt: int = 0) -> Iterator[dict[str, float]]:
@@ -517,22 +430,21 @@ class Studies:
             {name: np.asarray(v[0]) for name, v in self._draw(key, self._base.data).items()} for key in keys
         ]
         every = [
-            sites_by_cell(self._base.data, self._sites(drawn, random))
+            sites_by_cell(self._base.data, sites_of(drawn, random))
             for drawn, random in zip(worlds, randoms, strict=True)
         ]
         laid = jax.tree.map(lambda *each: jnp.stack(each), *(data.sites for data in every))
         # Chains begin at draws of the prior, those of another study.
         begin = np.roll([self._raw(drawn) for drawn in worlds], 1 + attempt, axis=0)
         raw = np.asarray(self._sample(begin, laid, jnp.stack(keys)))
-        for place, (number, data) in enumerate(zip(numbers, every, strict=True)):
-            posterior = self._posterior(raw[place], data, randoms[place])
-            world = world_of(self._trial, self._base, worlds[place], randoms[place])
-            found = self._asked(posterior, world)
-            yield {"data_set": number, "rhat": _rhat(raw[place])} | found
+        for number, chain, data, drawn, random in zip(numbers, raw, every, worlds, randoms, strict=True):
+            posterior = self._posterior(chain, data, random)
+            asked = self._asked(posterior, world_of(self._kind, self._base, drawn, random))
+            yield {"data_set": number, "rhat": float(split_gelman_rubin(chain[None]).max())} | asked
 
     def _chain(self, begin: Array, laid: GaussianFactor, key: Array) -> Array:
         """Hamiltonian Monte Carlo on the marginal density of a fit, [draw, hyperparameter], unconstrained."""
-        data, model = replace(sites_by_cell(self._base.data, self._flat), sites=laid), self._base.model
+        data, model = replace(self._cells, sites=laid), self._base.model
 
         def potential(y: Array) -> Array:
             hyperparameters, log_prior = hyperparameters_at(model, y)
@@ -544,22 +456,10 @@ class Studies:
         return jax.lax.scan(step, state, None, WARMUP + DRAWS)[1][WARMUP:]
 
     def _raw(self, drawn: Mapping[str, np.ndarray]) -> list[float]:
-        support = {name: self._base.model.prior_of(name).support for name in self._base.model.hyperparameters}
-        return [float(biject_to(support[name]).inv(drawn[name])) for name in support]
-
-    @cached_property
-    def _flat(self) -> GaussianFactor:
-        zeros = np.zeros((len(self._base.impacts), 3))
-        return GaussianFactor(zeros, zeros, np.broadcast_to(np.eye(3), (len(zeros), 3, 3)), zeros[:, 0])
-
-    def _sites(self, drawn: Mapping[str, np.ndarray], random: np.random.Generator) -> GaussianFactor:
-        """What measurements of all impacts say: each a normal about the truth and its own error."""
-        truth = np.column_stack([drawn["log_K_and_C"], drawn["noise"]])
-        covariance = np.diag([*MEASUREMENT_SD.values(), 1 / np.sqrt(2 * SAMPLES)]) ** 2
-        covariance[0, 1] = covariance[1, 0] = CORRELATION * np.prod([*MEASUREMENT_SD.values()])
-        seen = truth + random.multivariate_normal(np.zeros(3), covariance, len(truth))
-        precision = np.broadcast_to(np.linalg.inv(covariance), (len(truth), 3, 3)).copy()
-        return GaussianFactor(seen, np.zeros_like(seen), precision, np.zeros(len(seen)))
+        model = self._base.model
+        return [
+            float(biject_to(model.prior_of(name).support).inv(drawn[name])) for name in model.hyperparameters
+        ]
 
     def _posterior(self, raw: np.ndarray, data: SitesByCell, random: np.random.Generator) -> xr.Dataset:
         model = self._base.model
@@ -581,28 +481,31 @@ class Studies:
         return labelled(arrays, design_dimensions(design), design.levels())
 
     def _asked(self, posterior: xr.Dataset, world: World) -> dict[str, float]:
-        every, groups = [], []
+        every, groups, recorded = [], [], self._base.design.recorded
         for draws in (posterior, self._prior):
-            of = partial(variances, draws, self._recorded)
-            each = {q: of(q, measurement_sd=MEASUREMENT_SD[q]) for q in RESPONSES}
-            every.append(coefficients(each, draws))
+            of = partial(variances, draws, recorded)
+            every.append(coefficients({q: of(q, measurement_sd=MEASUREMENT_SD[q]) for q in RESPONSES}, draws))
             groups.append(draws.merge(as_variables(every[-1])))
-        lines = self._trial.asked(
-            Study(groups[0], self._recorded, prior=groups[1]), reliability(*every), world
-        )
-        return {f"{name}|{what}": float(value) for name, what, value in lines}
+        finished = Study(groups[0], recorded, prior=groups[1])
+        return dict(ASKED[self._kind](finished, reliability(*every), world))
 
 
-def _rhat(raw: np.ndarray) -> float:
-    return float(split_gelman_rubin(raw[None]).max())
+def sites_of(drawn: Mapping[str, np.ndarray], random: np.random.Generator) -> GaussianFactor:
+    """What measurements of all impacts say: each a normal about the truth and its own error."""
+    truth = np.column_stack([drawn["log_K_and_C"], drawn["noise"]])
+    covariance = np.diag([*MEASUREMENT_SD.values(), 1 / np.sqrt(2 * SAMPLES)]) ** 2
+    covariance[0, 1] = covariance[1, 0] = CORRELATION * np.prod([*MEASUREMENT_SD.values()])
+    seen = truth + random.multivariate_normal(np.zeros(3), covariance, len(truth))
+    precision = np.broadcast_to(np.linalg.inv(covariance), (len(truth), 3, 3)).copy()
+    return GaussianFactor(seen, np.zeros_like(seen), precision, np.zeros(len(seen)))
 
 
 def main() -> None:
-    trial = TRIALS[sys.argv[1] if len(sys.argv) > 1 else "answers"]
+    kind = sys.argv[1] if len(sys.argv) > 1 else "answers"
     runtime.configure()
-    with recorded(f"calibration_{trial.kind}") as record:
-        studies = Studies(trial)
-        for first in record.missing(range(0, trial.studies, BLOCK)):
+    with recorded(f"calibration_{kind}") as record:
+        studies = Studies(kind)
+        for first in record.missing(range(0, TRIALS[kind]["studies"], BLOCK)):
             record.add(first, studies.converged(range(first, first + BLOCK)))
 
 

@@ -20,77 +20,47 @@ A row a campaign and exponent has the posterior of it, whose truth is 0.
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import numpy as np
 import pandas as pd
-from coverage import KEPT, MEASURING_CHAIN, Fits, model_of, rows_of
-from evidence import recorded
-from evidence.references import TISSUES
+from evidence import measure
+from evidence.references import varied_tissue
+from evidence.simulations import simulation, tables
+from studies import CHAIN, FEW_DRAWS, Fits, model_of, rows_of
 
-from bayestissue.base import runtime
 from bayestissue.inference.quantities.secants import mass_exponents_of_secants
-from bayestissue.mechanics.elements import element
-from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
-from bayestissue.studies.simulation import Simulation, simulate
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.recordings.dataset import Dataset
+from bayestissue.studies.simulation import simulate
 
-# A share of 90 % is known to 9 % by 12 and to 4 % by all four cases together.
-CAMPAIGNS = {f"common_depth-{case}": 12 for case in ("stiffening", "hunt_crossley", "wall", "discrepancy")}
-CAMPAIGNS["common_depth_on_ball"] = 10
-# The case: the tissue's element, and the model file.
-CASES = {
-    "stiffening": ("stiffening", "stiffening"),
-    "hunt_crossley": ("hunt_crossley", "hunt_crossley"),
-    "wall": ("wall", "wall"),
-    "discrepancy": ("stiffening", "impact"),
-    "discrepancy_on_ball": ("hunt_crossley", "impact"),
-}
+TABLES = tables(__file__)
+CASES = TABLES["cases"]
 # Samples that all traces are filled up to, so that the fits of a case are compiled once.
 LONGEST = 96
-# So many draws know an end of an interval to one or two hundredths of probability.
-SAMPLER = Sampler(draws=KEPT, effective=200)
-MASSES = np.geomspace(0.375, 1.333, 10)
+MASSES_KG = np.geomspace(0.375, 1.333, 10)
 
 
-def campaign(case: str, number: int) -> Simulation:
+def campaign(case: str, number: int) -> Dataset:
     """A tissue of fixed law, under ten masses at one velocity."""
-    tissue = CASES[case][0]
-    effects = {f"sd_{group}_{q}": sd for group, sd in _SPREADS.items() for q in ("K", "C")}
-    if element(tissue).extra:
-        effects["sd_impact_parameters"] = 0.05
-    conditions = [
-        {"trial": f"t{i + 1}", "mass_kg": float(mass), "velocity_m_s": 1.0} for i, mass in enumerate(MASSES)
-    ]
-    typical = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "reference_mass_kg": 0.7, "element": tissue}
-    return Simulation.model_validate(
-        {
-            "name": "common depth",
-            "seed": 1000 * list(CASES).index(case) + number,
-            "design": {"subjects": 2, "conditions": conditions},
-            "tissue": typical | effects | TISSUES[tissue],
-            "recording": {
-                "sampling_rate_hz": 2500.0,
-                "before_contact_s": 0.005,
-                "after_contact_s": 0.005,
-                **MEASURING_CHAIN,
-            },
-        }
+    seed, conditions = (
+        1000 * list(CASES).index(case),
+        [(f"t{i + 1}", m, 1.0) for i, m in enumerate(MASSES_KG)],
     )
-
-
-_SPREADS = {"subject": 0.2, "trial": 0.1, "impact": 0.05}
+    own = {"tissue": varied_tissue(CASES[case][0]), "recording": CHAIN, "design": {"conditions": conditions}}
+    return simulate(simulation(TABLES["campaign"], own, seed=seed + number)).dataset("common depth")
 
 
 def model_of_case(case: str) -> ModelSpecification:
     """The case's model file, with a discrepancy from the start where it is to have one."""
     specification = model_of(CASES[case][1])
     discrepancy = "always" if specification.name == "impact" else "none"
-    return specification.model_copy(update={"discrepancy": discrepancy, "sampler": SAMPLER})
+    return specification.model_copy(update={"discrepancy": discrepancy, "sampler": FEW_DRAWS})
 
 
-def exponents_of(case: str, number: int, fits: Fits) -> pd.DataFrame:
+def exponents_of(case: str, fits: Fits, number: int) -> pd.DataFrame:
     """The posterior of every exponent that a fit gives."""
-    dataset = simulate(campaign(case, number)).dataset("common depth")
-    prepared = fits.prepared(dataset)
+    prepared = fits.prepared(campaign(case, number))
     draws, passed = fits.fit(prepared, number)
     exponents = mass_exponents_of_secants(prepared, draws, number)
     exponents["mass_exponent_C"] = draws.population["mass_exponent_C"]
@@ -100,12 +70,9 @@ def exponents_of(case: str, number: int, fits: Fits) -> pd.DataFrame:
 
 def main() -> None:
     case = sys.argv[1]
-    name = "common_depth_on_ball" if case == "discrepancy_on_ball" else f"common_depth-{case}"
-    runtime.configure()
-    with recorded(name) as record:
-        fits = Fits(model_of_case(case), simulate(campaign(case, 0)).dataset("common depth"), LONGEST)
-        for number in record.missing(range(CAMPAIGNS[name])):
-            record.add(number, exponents_of(case, number, fits))
+    *_, campaigns, piece = CASES[case]
+    fits = Fits(model_of_case(case), campaign(case, 0), LONGEST)
+    measure(piece, range(campaigns), partial(exponents_of, case, fits))
 
 
 if __name__ == "__main__":

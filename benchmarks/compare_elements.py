@@ -13,17 +13,17 @@ the report. `_people` is the same with whole people left out.
 from __future__ import annotations
 
 import sys
-from functools import cache
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from coverage import KEPT, Fits, campaign_of, model_of
-from evidence import recorded
+from coverage import campaign, fits_of
+from evidence import measure
+from studies import KEPT, decelerations
 
-from bayestissue.base import runtime
-from bayestissue.inference.model_comparison import OF_IMPACTS, compare_runs
+from bayestissue.inference.model_comparison import compare_runs
 from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.mechanics.elements import element_names
@@ -37,41 +37,34 @@ CAMPAIGNS = 2
 LONGEST = 192
 # A wrong element may take all the transitions that there are; the differences are sums over all impacts.
 SAMPLER = Sampler(draws=KEPT, effective=200, transitions=10_000)
+# What the runs are compared by beside their densities: stiffness and damping of each impact.
+OF_IMPACTS = ("C", "C_equivalent", "K", "K_secant")
 BY_IMPACT, BY_PERSON = scheme_words("impact"), scheme_words("subject")
-
-
-@cache
-def fits_of(name: str) -> Fits:
-    """The fits of one element's model file, compiled once."""
-    model = model_of(name).model_copy(update={"sampler": SAMPLER})
-    return Fits(model, simulate(campaign_of(name, 0)).dataset("first"), LONGEST)
 
 
 def finished(prepared: Prepared, found: Draws) -> xr.DataTree:
     """What `compare` reads of a run's folder."""
     draws, people = ("chain", "draw"), prepared.impacts["subject"].astype(str).to_numpy()
     scalars = {site: (draws, values) for site, values in found.population.items() if values.ndim == 2}
-    wanted = {site for each in OF_IMPACTS.values() for site in each}
     impacts = {
-        site: ((*draws, "impact"), found.impacts[site]) for site in sorted(wanted) if site in found.impacts
+        site: ((*draws, "impact"), found.impacts[site]) for site in OF_IMPACTS if site in found.impacts
     }
-    scores = {site: ((*draws, site), values) for site, values in found.log_likelihood.items()}
-    trace = {"trace": ((*draws, "impact"), scores.pop("trace")[1])}
+    trace = {"trace": ((*draws, "impact"), found.log_likelihood["trace"])}
     groups = {
         site: ((*draws, site.removeprefix("traces_of_")), values)
-        for site, (_, values) in scores.items()
+        for site, values in found.log_likelihood.items()
         # Beside these is the score of all traces together.
         if site.startswith("traces_of_")
     }
-    inside = np.arange(prepared.signal.x.shape[1]) < prepared.signal.n_samples[:, None]
-    seen = np.where(inside, prepared.signal.deceleration, np.nan)
     names = {"impact": prepared.impacts["impact"].astype(str).to_numpy()}
     return xr.DataTree.from_dict(
         {
             "posterior": xr.Dataset({**scalars, **impacts}, names),
             "log_likelihood": xr.Dataset(trace, names),
             "log_likelihood_of_groups": xr.Dataset(groups),
-            "observed_data": xr.Dataset({"deceleration": (("impact", "sample"), seen)}, names),
+            "observed_data": xr.Dataset(
+                {"deceleration": (("impact", "sample"), decelerations(prepared))}, names
+            ),
             "constant_data": xr.Dataset({"impact_subject": (("impact",), people)}, names),
         }
     )
@@ -79,13 +72,13 @@ def finished(prepared: Prepared, found: Draws) -> xr.DataTree:
 
 def row_of(right: str, number: int) -> dict[str, Any]:
     """One campaign: every fit, and what `compare` says of them."""
-    simulation = campaign_of(right, number)
+    simulation = campaign(right, number)
     result = simulate(simulation)
     runs: dict[str, xr.DataTree] = {}
     refused: dict[str, xr.DataTree] = {}
     passed: dict[str, bool] = {}
     for name in element_names():
-        fits = fits_of(name)
+        fits = fits_of(name, LONGEST, SAMPLER)
         prepared = fits.prepared(result.dataset(simulation.name))
         found, passed[name] = fits.fit(prepared, number)
         if all(np.isfinite(values).all() for values in found.log_likelihood.values()):
@@ -93,31 +86,32 @@ def row_of(right: str, number: int) -> dict[str, Any]:
     if len(runs) < 2:
         runs |= refused
     comparison = compare_runs(runs, {name: {"likelihood": "impact"} for name in runs})
+    people = _score(comparison, BY_PERSON, right)
     return {
-        **_score(comparison, BY_IMPACT, right, ""),
-        **_score(comparison, BY_PERSON, right, "_people"),
+        **_score(comparison, BY_IMPACT, right),
+        **{f"{key}_people": value for key, value in people.items()},
         **_elpd(comparison),
         **{f"trusted_{name}": each for name, each in passed.items()},
     }
 
 
-def _score(comparison: pd.DataFrame, scheme: str, right: str, ending: str) -> dict[str, Any]:
+def _score(comparison: pd.DataFrame, scheme: str, right: str) -> dict[str, Any]:
     """The right element beside the best other one; a fit without a finite density has lost."""
     rows = comparison[comparison["scheme"] == scheme].set_index("model")
     winner = rows["elpd"].idxmax()
     if right not in rows.index:
-        nothing = {"rival": winner, "difference": -np.inf, "se": 0.0, "weight": 0.0, "high_k": 0}
-        return {f"winner{ending}": winner, **{f"{key}{ending}": value for key, value in nothing.items()}}
+        lost = {"difference": -np.inf, "se": 0.0, "weight": 0.0, "high_k": 0}
+        return {"winner": winner, "rival": winner, **lost}
     rival = rows.drop(right)["elpd"].idxmax()
     # The table gives differences from the best, which is one of the two.
     loser, sign = (rival, -1) if winner == right else (right, 1)
     return {
-        f"winner{ending}": winner,
-        f"rival{ending}": rival,
-        f"difference{ending}": round(sign * float(rows.loc[loser, "elpd_difference"]), 2),
-        f"se{ending}": round(float(rows.loc[loser, "se_difference"]), 2),
-        f"weight{ending}": round(float(rows.loc[right, "weight"]), 4),
-        f"high_k{ending}": int(rows["warning"].str.contains("Pareto").sum()),
+        "winner": winner,
+        "rival": rival,
+        "difference": round(sign * float(rows.loc[loser, "elpd_difference"]), 2),
+        "se": round(float(rows.loc[loser, "se_difference"]), 2),
+        "weight": round(float(rows.loc[right, "weight"]), 4),
+        "high_k": int(rows["warning"].str.contains("Pareto").sum()),
     }
 
 
@@ -128,10 +122,7 @@ def _elpd(comparison: pd.DataFrame) -> dict[str, float]:
 
 def main() -> None:
     name = sys.argv[1]
-    runtime.configure()
-    with recorded(f"compare_elements-{name}") as record:
-        for number in record.missing(range(CAMPAIGNS)):
-            record.add(number, [row_of(name, number)])
+    measure(f"compare_elements-{name}", range(CAMPAIGNS), partial(row_of, name))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from 30 cm.
 from __future__ import annotations
 
 import sys
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -66,20 +67,16 @@ def main() -> None:
     folder, rng = Path(sys.argv[1]), np.random.default_rng(30)
     folder.mkdir()
     time = np.arange(0.0, ALL_S, 1 / RATE_HZ)
-    for pad in PADS:
-        for height in HEIGHTS_CM:
-            for repeat in range(1, REPEATS + 1):
-                contact = BEFORE_S + rng.uniform() / RATE_HZ
-                after = time[time >= contact] - contact
-                velocity = velocity_from(height) + VELOCITY_SD * rng.standard_normal()
-                reading = np.zeros_like(time)
-                # From 0 on, that the solver may begin there.
-                reading[time >= contact] = (
-                    drop(pad, velocity, np.r_[0.0, after])[1:] / MASS_KG / STANDARD_GRAVITY
-                )
-                reading += NOISE_G * rng.standard_normal(len(time))
-                table = pd.DataFrame({"Time (s)": time, "Accel (g)": reading})
-                table.to_csv(folder / f"{pad}_{height}cm_{repeat}.csv", index=False, float_format="%.6g")
+    for pad, height, repeat in product(PADS, HEIGHTS_CM, range(1, REPEATS + 1)):
+        contact = BEFORE_S + rng.uniform() / RATE_HZ
+        after = time[time >= contact] - contact
+        velocity = velocity_from(height) + VELOCITY_SD * rng.standard_normal()
+        reading = np.zeros_like(time)
+        # From 0 on, that the solver may begin there.
+        reading[time >= contact] = drop(pad, velocity, np.r_[0.0, after])[1:] / MASS_KG / STANDARD_GRAVITY
+        reading += NOISE_G * rng.standard_normal(len(time))
+        table = pd.DataFrame({"Time (s)": time, "Accel (g)": reading})
+        table.to_csv(folder / f"{pad}_{height}cm_{repeat}.csv", index=False, float_format="%.6g")
     for pad in PADS:
         # A microsecond's grid, of which the greatest is as good as exact.
         fine = np.arange(0.0, 0.05, 1e-6)

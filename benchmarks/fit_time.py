@@ -18,21 +18,20 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import resource
 import subprocess
-import sys
 import tempfile
-import time
 import tomllib
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from coverage import FILES, ROOT
 from evidence import recorded
-from evidence.references import TISSUES as OF_ELEMENTS
+from evidence.commands import timed
+from evidence.references import varied_tissue
+from evidence.registry import ROOT
+from evidence.simulations import merged
 
-from bayestissue.mechanics.elements import element, element_names
+from bayestissue.mechanics.elements import element_names
 from bayestissue.model.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.studies.simulation import Simulation, simulate, write_campaign
 
@@ -45,11 +44,7 @@ MOST_S = 900
 def campaign_of(name: str | None, **changed: Any) -> Simulation:
     """The example campaign on a tissue of this element, its own unless given."""
     made = tomllib.loads((EXAMPLE / "spec.toml").read_text(encoding="utf-8")) | changed
-    if name is not None:
-        made["tissue"] |= {"element": name, **OF_ELEMENTS[name]}
-        if element(name).extra:
-            made["tissue"]["sd_impact_parameters"] = 0.05
-    return Simulation.model_validate(made)
+    return Simulation.model_validate(merged(made, {} if name is None else {"tissue": varied_tissue(name)}))
 
 
 def written(made: Simulation, folder: Path) -> Path:
@@ -59,31 +54,25 @@ def written(made: Simulation, folder: Path) -> Path:
     return folder
 
 
-def timed(
+def seconds_of(
     datasets: dict[str, Path], name: str, folder: Path, program: Path, cores: int
-) -> tuple[dict[str, float], Path]:
-    """Seconds of the clock and of the processor of every run, and the folder of the last."""
-    environment = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
-    environment |= {"XDG_CACHE_HOME": str(folder / "cache"), "PYTHONPATH": str(program / "src")}
-    free = os.sched_getaffinity(0)
-    found, model = {}, str(program / "models" / f"{FILES.get(name, name)}.toml")
-    for run, dataset in datasets.items():
-        out = folder / run
-        command = [sys.executable, "-m", "bayestissue", "fit", str(dataset), "--out", str(out)]
-        begun, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-        # The command inherits what this process is bound to.
-        os.sched_setaffinity(0, sorted(free)[:cores])
-        try:
-            command += ["--model", model, "--quiet"]
-            subprocess.run(command, env=environment, timeout=MOST_S, check=False)  # noqa: S603 - our own program
-        except subprocess.TimeoutExpired:
-            return found | {f"{run}_s": MOST_S}, out
-        finally:
-            os.sched_setaffinity(0, free)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        found[f"{run}_s"] = round(time.perf_counter() - begun, 1)
-        found[f"{run}_cpu_s"] = round(sum(after[:2]) - sum(before[:2]), 1)
-    return found, out
+) -> dict[str, float]:
+    """Seconds of the clock and of the processor of every run, a folder each."""
+    variables = {"XDG_CACHE_HOME": str(folder / "cache"), "JAX_COMPILATION_CACHE_DIR": None}
+    model = program.resolve() / "models" / f"{'impact' if name == SIDE_BY_SIDE else name}.toml"
+    free, found = os.sched_getaffinity(0), {}
+    # The command inherits what this process is bound to.
+    os.sched_setaffinity(0, sorted(free)[:cores])
+    try:
+        for run, dataset in datasets.items():
+            command = ("fit", dataset, "--out", folder / run, "--model", model, "--quiet")
+            spent = timed(*command, program=program, most_s=MOST_S, **variables)
+            found |= {f"{run}_{clock}": seconds for clock, seconds in spent.items()}
+    except subprocess.TimeoutExpired:
+        found[f"{run}_s"] = MOST_S
+    finally:
+        os.sched_setaffinity(0, free)
+    return found
 
 
 def told(out: Path) -> dict[str, Any]:
@@ -100,20 +89,19 @@ def told(out: Path) -> dict[str, Any]:
     }
 
 
-def row_of(name: str, tissue: str, program: Path, cores: int) -> dict[str, Any]:
+def row_of(name: str, kind: str, program: Path, cores: int) -> dict[str, Any]:
     """One element on one tissue."""
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        if tissue == "example":
+        if kind == "example":
             # Of 81 impacts instead of 90, and traces of other lengths.
             fewer = campaign_of(None, seed=77, design={"subjects": 9, "repeats": 1})
             runs = {"first": EXAMPLE, "again": EXAMPLE, "other": written(fewer, folder / "other_campaign")}
         else:
             half = campaign_of(name, design={"subjects": 5, "repeats": 1})
             runs = {"first": written(half, folder / "campaign")}
-        seconds, out = timed(runs, name, folder, program, cores)
-        found = told(out.with_name("first"))
-    return {"element": name, "tissue": tissue, "cores": cores, **seconds, **found}
+        seconds = seconds_of(runs, name, folder, program, cores)
+        return {"element": name, "tissue": kind, "cores": cores, **seconds, **told(folder / "first")}
 
 
 def main() -> None:
@@ -126,14 +114,14 @@ def main() -> None:
     parser.add_argument("--cores", nargs="+", type=int, default=[2], help="how many cores it is bound to")
     asked = parser.parse_args()
     if (asked.program, asked.cores, tuple(asked.tissue)) != ([ROOT], [2], TISSUES):
-        for name, tissue, cores, program in product(asked.elements, asked.tissue, asked.cores, asked.program):
-            print({"program": program.name} | row_of(name, tissue, program.resolve(), cores), flush=True)
+        for name, kind, cores, program in product(asked.elements, asked.tissue, asked.cores, asked.program):
+            print({"program": program.name} | row_of(name, kind, program.resolve(), cores), flush=True)
         return
     for name in asked.elements:
         with recorded(f"fit_time-{name}") as record:
             # The example is a spring and damper; other elements are timed on tissue of their own kind.
-            for tissue in record.missing(["example" if name == SIDE_BY_SIDE else "own"]):
-                record.add(tissue, [row_of(name, tissue, ROOT, 2)])
+            for kind in record.missing(["example" if name == SIDE_BY_SIDE else "own"]):
+                record.add(kind, row_of(name, kind, ROOT, 2))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from coverage import MEASURING_CHAIN, campaign_of, model_of
+from coverage import campaign
+from evidence.simulations import simulation, tables
+from studies import CHAIN, model_of
 
 from bayestissue.base import runtime
 from bayestissue.inference.fit import fit_traces
@@ -29,40 +31,25 @@ from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.studies.simulation import Simulation, simulate
 
 SEEDS, CAMPAIGNS = 12, 15
-# People, and masses that each is hit with, kg.
-CLEAN = {"1": (1, (0.7,)), "2": (1, (0.5, 1.0)), "4": (2, (0.5, 1.0)), "8": (2, (0.4, 0.6, 0.9, 1.3))}
+TABLES = tables(__file__)
 PATH = Path(__file__).parent / "results" / "fits_pass.csv"
-
-
-def clean(size: str, seed: int) -> Simulation:
-    """Few impacts, which nothing is wrong with."""
-    people, masses = CLEAN[size]
-    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.2} for mass in masses]
-    spread = {f"sd_{level}_{name}": sd for level, sd in (("subject", 0.2), ("impact", 0.05)) for name in "KC"}
-    return Simulation.model_validate(
-        {
-            "name": "clean",
-            "seed": seed,
-            "design": {"subjects": people, "conditions": conditions},
-            "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, **spread},
-            "recording": {"sampling_rate_hz": 5000.0, **MEASURING_CHAIN},
-        }
-    )
 
 
 def cases(kind: str) -> Iterator[tuple[str, int, Simulation, str]]:
     """Of each fit its kind, number, simulation and model file."""
     if kind != "clean":
-        yield from ((kind, number, campaign_of(kind, number), kind) for number in range(CAMPAIGNS))
+        yield from ((kind, number, campaign(kind, number), kind) for number in range(CAMPAIGNS))
         return
-    for size in CLEAN:
-        yield from ((f"clean {size}", seed, clean(size, seed), "impact") for seed in range(SEEDS))
+    for size, design in TABLES["sizes"].items():
+        for seed in range(SEEDS):
+            clean = simulation(TABLES["campaign"], design=design, recording=CHAIN, seed=seed)
+            yield f"clean {size}", seed, clean, "impact"
 
 
-def fitted(simulation: Simulation, model: str, seed: int) -> dict[str, Any]:
+def fitted(made: Simulation, model: str, seed: int) -> dict[str, Any]:
     """The verdict of one fit, and its cost."""
     specification = model_of(model)
-    prepared = prepare(simulate(simulation).dataset(simulation.name), specification, source="the model file")
+    prepared = prepare(simulate(made).dataset(made.name), specification, source="the model file")
     start, worked = time.monotonic(), time.process_time()
     diagnostics = fit_traces(prepared, specification, seed, lambda *_: None).diagnostics
     worst = diagnostics["worst"]["r_hat"]
@@ -82,12 +69,12 @@ def main() -> None:
     first = [int(word.removeprefix("from=")) for word in sys.argv[1:] if word.startswith("from=")] or [0]
     known = set(pd.read_csv(PATH)[["kind", "number"]].itertuples(False, None)) if PATH.is_file() else set()
     for kind in (word for word in sys.argv[1:] if not word.startswith("from=")):
-        for name, number, simulation, model in cases(kind):
+        for name, number, made, model in cases(kind):
             if (name, number) in known or number < first[0]:
                 continue
             # What is compiled for many shapes takes more mapped memory than a process may have.
             runtime.release_compiled()
-            row = {"kind": name, "number": number} | fitted(simulation, model, number)
+            row = {"kind": name, "number": number} | fitted(made, model, number)
             pd.DataFrame([row]).to_csv(PATH, mode="a", header=not PATH.is_file(), index=False)
             print(row, flush=True)
     table = pd.read_csv(PATH).groupby("kind")

@@ -17,9 +17,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from evidence import recorded
+from evidence import measure
 
-from bayestissue.base.runtime import configure
 from bayestissue.mechanics.oscillator import impact_motion, to_differences
 from bayestissue.model.likelihood.arma.displacements import MeasuredDisplacement, displacement_record
 
@@ -167,6 +166,9 @@ def _seconds(call: Call) -> float:
     return perf_counter() - begin
 
 
+PEERS = {"statsmodels": statsmodels, "tinygp": tinygp, "celerite2 (value only)": celerite2}
+
+
 def contenders(n: int) -> dict[str, Call]:
     ours, read = sine(n)
     scans = {
@@ -182,11 +184,7 @@ def contenders(n: int) -> dict[str, Call]:
             slopes / largest, other_slopes / largest, atol=1e-6, err_msg="nor gradient"
         )
     calls = {"bayestissue": ours, "reading the arrays once": read, **scans}
-    for name, make in (
-        ("statsmodels", statsmodels),
-        ("tinygp", tinygp),
-        ("celerite2 (value only)", celerite2),
-    ):
+    for name, make in PEERS.items():
         try:
             calls[name] = make(n)
         except ImportError as error:
@@ -194,12 +192,13 @@ def contenders(n: int) -> dict[str, Call]:
     return calls
 
 
+def rows_of(n: int) -> list[dict[str, Any]]:
+    """The least milliseconds of each contender with so many samples."""
+    return [{"contender": name, "ms": 1e3 * s} for name, s in timed(contenders(n)).items()]
+
+
 def main() -> None:
-    configure()
-    with recorded("likelihood") as record:
-        for n in record.missing(SIZES):
-            seconds = timed(contenders(n))
-            record.add(n, [{"contender": name, "ms": 1e3 * s} for name, s in seconds.items()])
+    measure("likelihood", SIZES, rows_of)
 
 
 if __name__ == "__main__":

@@ -11,15 +11,15 @@ of the residuals; a campaign that is warned of is a false alarm where tissue and
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import numpy as np
 import pandas as pd
-from coverage import KEPT, Fits, campaign_of, model_of, residuals_of, rows_of
-from evidence import recorded
+from coverage import campaign
+from evidence import measure
+from studies import FEW_DRAWS, Fits, model_of, residuals_of, rows_of
 
-from bayestissue.base import runtime
 from bayestissue.inference.checking.model_form import LIMIT, pooled_score
-from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.recordings.dataset import Dataset
 from bayestissue.studies.simulation import simulate
 
@@ -28,8 +28,6 @@ CAMPAIGNS = {"stiffening": 10, "kelvin_voigt": 30}
 FIRST_SEED = 40_000
 # Samples that all traces are filled up to, so that the fits of each model are compiled once.
 LONGEST = 192
-# So many draws know an end of an interval to one or two hundredths of probability.
-SAMPLER = Sampler(draws=KEPT, effective=200)
 
 
 def of_fit(
@@ -44,24 +42,23 @@ def of_fit(
     return score, rows.assign(fit=name, score=score, discrepancy=size, passed=passed)
 
 
+def of_campaign(tissue: str, plain: Fits, wide: Fits, number: int) -> pd.DataFrame:
+    """The rows of one fit, or of two."""
+    result = simulate(campaign(tissue, number))
+    data, truth = result.dataset("coverage"), result.truth
+    secant = truth.get("K_secant_N_per_m", truth["K_N_per_m"]).to_numpy()
+    score, rows = of_fit("plain", plain, data, secant, number)
+    return pd.concat([rows, of_fit("discrepancy", wide, data, secant, number)[1]]) if score > LIMIT else rows
+
+
 def main() -> None:
     tissue = sys.argv[1]
-    runtime.configure()
-    with recorded(f"model_form-{tissue}") as record:
-        specification = model_of("impact").model_copy(update={"sampler": SAMPLER})
-        first = simulate(campaign_of(tissue, FIRST_SEED)).dataset("first")
-        always = specification.model_copy(update={"discrepancy": "always"})
-        plain, wide = (Fits(each, first, LONGEST) for each in (specification, always))
-        for number in record.missing(range(FIRST_SEED, FIRST_SEED + CAMPAIGNS[tissue])):
-            simulation = campaign_of(tissue, number)
-            result = simulate(simulation)
-            data, truth = result.dataset(simulation.name), result.truth
-            secant = truth.get("K_secant_N_per_m", truth["K_N_per_m"]).to_numpy()
-            score, rows = of_fit("plain", plain, data, secant, number)
-            if score > LIMIT:
-                _, again = of_fit("discrepancy", wide, data, secant, number)
-                rows = pd.concat([rows, again])
-            record.add(number, rows)
+    specification = model_of("impact").model_copy(update={"sampler": FEW_DRAWS})
+    first = simulate(campaign(tissue, FIRST_SEED)).dataset("first")
+    always = specification.model_copy(update={"discrepancy": "always"})
+    fits = (Fits(each, first, LONGEST) for each in (specification, always))
+    numbers = range(FIRST_SEED, FIRST_SEED + CAMPAIGNS[tissue])
+    measure(f"model_form-{tissue}", numbers, partial(of_campaign, tissue, *fits))
 
 
 if __name__ == "__main__":

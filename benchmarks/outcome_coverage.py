@@ -24,57 +24,46 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from coverage import MEASURING_CHAIN, Fits, model_of
-from evidence import recorded
-from evidence.families.outcomes import reliability, shares
+from evidence.families.outcomes import reliability
 from evidence.references import TISSUES
+from evidence.simulations import by_response, merged, simulation, tables
 from scipy.integrate import solve_ivp
+from studies import CHAIN, SAMPLER, Fits, Interval, counted, model_of, of_draws, sides
 
-from bayestissue.base import runtime
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ranked
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.quantities.quantity_draws import quantities
-from bayestissue.inference.results.labels import labelled
 from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
-from bayestissue.inference.results.tree import dimensions
-from bayestissue.inference.samplers.sampling import interval, quantiles
+from bayestissue.inference.samplers.sampling import interval
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.specification import ModelSpecification
-from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.studies.simulation import Simulation, simulate
 from bayestissue.studies.simulation.campaign import Campaign
 
 # A share of 90 % of the levels is known to about 1 % by so many studies of four of them, to 3 % by 20.
 STUDIES = 200
-G, REFERENCE_KG, PEOPLE = 9.80665, 0.7, 4
-TYPICAL = {"K": 3000.0, "C": 25.0}
-# Of the logs of typical values and of an element's further parameters; scales of half-normal spreads.
-TYPICAL_SD, EXPONENT, PARAMETER_SD, PARAMETER_SPREAD = 0.3, (0.5, 0.3), 0.2, 0.05
-SPREADS = {"sd_subject": 0.2, "sd_side": 0.1, "sd_impact": 0.1}
-MASSES = {"a": (0.5, 1.5), "b": (1.2, 1.0)}
+G, PEOPLE = 9.80665, 4
+TYPICAL = {"K": ("K_N_per_m", 3000.0), "C": ("C_N_s_per_m", 25.0)}
+TABLES = tables(__file__)
+DRAWN = TABLES["drawn"]
 BEYOND = {"mass_kg": 0.8, "velocity_m_s": 2.25}
-FORMULA = "log(mass_kg) + (1|subject) + (1|subject:side)"
-SIDES = ("left", "right")
 LONGEST = {"HIC15": 0.015, "HIC36": 0.036}
 # At 2 kHz, to which all traces are filled up: what is compiled serves every study.
 SAMPLES = 128
-# Four chains of so many draws know an end of an interval to a hundredth of probability. Of a spread that is
-# nearly 0 more effective ones take long.
-SAMPLER = {"draws": 250, "effective": 200, "transitions": 4000}
 Values = Mapping[str, float]
 
 
 def typical(name: str) -> dict[str, float]:
     """About what K, C and the element's further parameters are drawn."""
     content = TISSUES[name]
-    own = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
-    return {q: content.get(column, TYPICAL[q]) for q, column in own.items()} | content.get("parameters", {})
+    own = {q: content.get(column, value) for q, (column, value) in TYPICAL.items()}
+    return own | content.get("parameters", {})
 
 
 def specification_of(name: str) -> ModelSpecification:
@@ -86,22 +75,23 @@ def specification_of(name: str) -> ModelSpecification:
     def spread(scale: float) -> dict[str, Any]:
         return {"distribution": "half-normal", "scale": scale}
 
-    model, about = model_of(name).model_dump(mode="json"), {q: np.log(v) for q, v in typical(name).items()}
-    model["formula"] |= dict.fromkeys("KC", FORMULA)
-    model |= {"reference_mass_kg": REFERENCE_KG, "discrepancy": "none", "residual_correlation": False}
-    model["sampler"] |= SAMPLER
-    priors = model["priors"]
-    priors["intercept"] = {q: normal(about[q], TYPICAL_SD) for q in "KC"}
-    priors["mass_exponent"] = {q: normal(*EXPONENT) for q in "KC"}
-    priors["sd_subject"], priors["sd_impact"] = (
-        {q: spread(SPREADS[sd]) for q in "KC"} for sd in ("sd_subject", "sd_impact")
-    )
-    priors["sd_group"] = {"subject:side": {q: spread(SPREADS["sd_side"]) for q in "KC"}}
-    priors["element"] = {
-        one.name: {"log": normal(about[one.name], PARAMETER_SD), "spread": spread(PARAMETER_SPREAD)}
-        for one in element(name).extra
+    about = {q: np.log(v) for q, v in typical(name).items()}
+    spreads = {group: dict.fromkeys("KC", spread(scale)) for group, scale in DRAWN["spreads"].items()}
+    own = model_of(name).model_dump(mode="json")
+    own["priors"] |= {
+        "intercept": {q: normal(about[q], DRAWN["intercept"]) for q in "KC"},
+        "mass_exponent": dict.fromkeys("KC", normal(*DRAWN["mass_exponent"])),
+        "sd_group": {"subject:side": spreads.pop("sd_side")},
+        "element": {
+            one.name: {
+                "log": normal(about[one.name], DRAWN["element"]),
+                "spread": spread(DRAWN["sd_impact_parameters"]),
+            }
+            for one in element(name).extra
+        },
+        **spreads,
     }
-    return ModelSpecification.model_validate(model)
+    return ModelSpecification.model_validate(merged(own, TABLES["model"] | {"sampler": SAMPLER}))
 
 
 def study(name: str, number: int) -> Simulation:
@@ -109,41 +99,21 @@ def study(name: str, number: int) -> Simulation:
     seed = len(TISSUES) * number + list(TISSUES).index(name)
     random = np.random.default_rng([seed, 9])
     drawn = {
-        q: value * np.exp((TYPICAL_SD if q in "KC" else PARAMETER_SD) * random.standard_normal())
+        q: value * np.exp(DRAWN["intercept" if q in "KC" else "element"] * random.standard_normal())
         for q, value in typical(name).items()
     }
     spreads = {
-        f"{sd}_{q}": abs(scale * random.standard_normal()) for sd, scale in SPREADS.items() for q in "KC"
+        sd: [abs(scale * random.standard_normal()) for _ in "KC"] for sd, scale in DRAWN["spreads"].items()
     }
-    tissue: dict[str, Any] = {
-        "K_N_per_m": drawn.pop("K"),
-        "C_N_s_per_m": drawn.pop("C"),
-        "reference_mass_kg": REFERENCE_KG,
-        "element": name,
-        "sd_group": {"subject:side": {q: spreads.pop(f"sd_side_{q}") for q in "KC"}},
-        **{f"mass_exponent_{q}": random.normal(*EXPONENT) for q in "KC"},
-        **spreads,
-    }
-    if element(name).extra:
-        parameters = {one.name: drawn[one.name] for one in element(name).extra}
-        tissue |= {
-            "parameters": parameters,
-            "sd_impact_parameters": abs(PARAMETER_SPREAD * random.standard_normal()),
-        }
-    conditions = [{"trial": t, "mass_kg": m, "velocity_m_s": v} for t, (m, v) in MASSES.items()]
-    content = {
-        "name": name,
-        "seed": seed,
-        "gravity": "drop",
-        "headform": True,
-        "design": {
-            **{"subjects": PEOPLE, "conditions": conditions},
-            "factors": [{"name": "side", "levels": list(SIDES)}],
-        },
-        "tissue": tissue,
-        "recording": {"sampling_rate_hz": 2000.0, "before_contact_s": 0.005, **MEASURING_CHAIN},
-    }
-    return Simulation.model_validate(content)
+    of_side = dict(zip("KC", spreads.pop("sd_side"), strict=True))
+    exponents = [random.normal(*DRAWN["mass_exponent"]) for _ in "KC"]
+    tissue: dict[str, Any] = {column: drawn.pop(q) for q, (column, _) in TYPICAL.items()}
+    tissue |= {"element": name, "sd_group": {"subject:side": of_side}}
+    if drawn:
+        sd = abs(DRAWN["sd_impact_parameters"] * random.standard_normal())
+        tissue |= {"parameters": drawn, "sd_impact_parameters": sd}
+    own = {"tissue": tissue | by_response(mass_exponent=exponents, **spreads), "recording": CHAIN}
+    return simulation(TABLES["campaign"], own, name=name, seed=seed)
 
 
 def law_of(name: str, p: Values) -> Callable[[float, float, float], float]:
@@ -229,55 +199,50 @@ def head_injury(time: np.ndarray, left: np.ndarray, longest: float) -> float:
     return float((np.maximum(takes / G, 0) ** 2.5 / lengths**1.5).max())
 
 
-def finished(fits: Fits, prepared: Prepared, name: str, seed: int) -> tuple[Study, bool]:
-    """The fit as questions take it, without the tables and checks of a run; and whether its chains passed."""
-    draws, passed = fits.fit(prepared, seed)
-    values = quantities(prepared, draws, np.random.default_rng(seed))
-    names = {"impact": prepared.impacts["impact"].tolist(), **prepared.design.levels()}
-    posterior = labelled(values, dimensions(prepared.design, prepared.data.record.errors), names)
-    gravity, headform = float(prepared.signal.gravity[0]), prepared.model.headform
-    return Study(posterior, prepared.design.recorded, Law(name, gravity, headform)), passed
+@cache
+def fits_of(name: str) -> Fits:
+    """The fits of an element's studies, compiled once."""
+    return Fits(specification_of(name), simulate(study(name, 0)).dataset(name), SAMPLES)
 
 
-def intervals(
-    fit: Study, made: Campaign, simulation: Simulation
-) -> Iterator[tuple[str, str, float, float, float]]:
-    """What an interval is of, its outcome, its ends and what is true."""
-    tissue, posterior = simulation.tissue, fit.draws
-    names, extra = tuple(HEADFORM_COLUMNS), list(tissue.parameters)
-    ends, motion = [0.05, 0.95], (BEYOND["mass_kg"], BEYOND["velocity_m_s"])
-    recorded_ends = {name: quantiles(_flat(posterior[name].to_numpy()), ends) for name in names}
-    for row, impact in enumerate(made.truth.to_dict("records")):
-        p = {"K": impact["K_N_per_m"], "C": impact["C_N_s_per_m"], **{one: impact[one] for one in extra}}
-        true = truths(tissue.element, p, impact["mass_kg"], impact["velocity_m_s"])
-        for name in names:
-            yield "recorded impact", name, *recorded_ends[name][:, row], true[name]
-    levels = [{"subject": person, "side": SIDES[0]} for person in sorted(set(made.impacts["subject"]))]
+def intervals(fit: Study, made: Campaign, simulation: Simulation) -> Iterator[Interval]:
+    """Of what is recorded, of levels beyond and of new people the ends of every outcome, and what is true."""
+    names, tissue = tuple(HEADFORM_COLUMNS), simulation.tissue
+    random = np.random.default_rng([simulation.seed, 10])
+    columns = {q: column for q, (column, _) in TYPICAL.items()} | {q: q for q in tissue.parameters}
+    recorded = [
+        ({q: impact[column] for q, column in columns.items()}, impact["mass_kg"], impact["velocity_m_s"])
+        for impact in made.truth.to_dict("records")
+    ]
+    levels = [{"subject": person, "side": "left"} for person in sorted(set(made.impacts["subject"]))]
+    beyond = [(at_level(made, simulation, level), *BEYOND.values()) for level in levels]
+    new = [(new_impact(simulation, random), *BEYOND.values()) for _ in range(PEOPLE)]
     drawn = fit.at(names, [level | BEYOND for level in levels])
-    at_levels = {name: interval(values) for name, values in drawn.items()}
-    for row, level in enumerate(levels):
-        true = truths(tissue.element, at_level(made, simulation, level), *motion)
+    predicted = predict(fit, [BEYOND]).iloc[0]
+    kinds = {
+        "recorded impact": ({name: interval(fit.draws[name].astype(float)) for name in names}, recorded),
+        "level beyond": ({name: interval(drawn[name]) for name in names}, beyond),
+        "new person": (
+            {
+                name: {end: predicted[f"{column}_{end}"] for end in ("low", "high")}
+                for name, column in HEADFORM_COLUMNS.items()
+            },
+            new,
+        ),
+    }
+    for of, (found, impacts) in kinds.items():
+        true = pd.DataFrame([truths(tissue.element, *impact) for impact in impacts])
         for name in names:
-            low, high = (at_levels[name][end][row] for end in ("low", "high"))
-            yield "level beyond", name, low, high, true[name]
-    predicted, random = predict(fit, [BEYOND]).iloc[0], np.random.default_rng([simulation.seed, 10])
-    for _ in range(PEOPLE):
-        true = truths(tissue.element, new_impact(simulation, random), *motion)
-        for name, column in HEADFORM_COLUMNS.items():
-            yield "new person", name, predicted[f"{column}_low"], predicted[f"{column}_high"], true[name]
-
-
-def _flat(draws: np.ndarray) -> np.ndarray:
-    return draws.reshape(-1, draws.shape[-1]).T.astype(float)
+            yield Interval(of, name, (found[name]["low"], found[name]["high"]), true[name].to_numpy())
 
 
 def typical_beyond(simulation: Simulation) -> dict[str, float]:
     """A typical person's K and C at the mass of `BEYOND`."""
-    tissue, size = simulation.tissue, np.log(BEYOND["mass_kg"] / REFERENCE_KG)
-    columns = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+    tissue = simulation.tissue
+    size = np.log(BEYOND["mass_kg"] / tissue.reference_mass_kg)
     return {
         q: getattr(tissue, column) * np.exp(getattr(tissue, f"mass_exponent_{q}") * size)
-        for q, column in columns.items()
+        for q, (column, _) in TYPICAL.items()
     }
 
 
@@ -305,58 +270,41 @@ def new_impact(simulation: Simulation, random: np.random.Generator) -> dict[str,
     }
 
 
-def choices(fit: Study, made: Campaign, simulation: Simulation) -> Iterator[tuple[str, str, float, bool]]:
-    """Factor, level, probability that an impact beyond has the lowest peak force there, and whether it has.
+def choices(fit: Study, made: Campaign, simulation: Simulation) -> Iterator[tuple[str, float]]:
+    """The probability that an impact beyond has the lowest peak force at a level, and whether it has.
 
     As `bayestissue ask` has it of "best(subject, lowest peak_force[...])" and of "best(side, lowest
-    peak_force[subject=s01, ...])", with all levels' motions in one go.
+    peak_force[subject=s01, ...])".
     """
     people = sorted(set(made.impacts["subject"]))
     factors = {
         "subject": [{"subject": person} for person in people],
-        "side": [{"subject": people[0], "side": side} for side in SIDES],
+        "side": [{"subject": people[0], "side": side} for side in ("left", "right")],
     }
-    levels = [level for those in factors.values() for level in those]
-    drawn = fit.at(["peak_force"], [level | BEYOND for level in levels])["peak_force"]
-    forces = drawn.rename(condition="level").transpose("level", ...)
-    true = [
-        truths(simulation.tissue.element, at_level(made, simulation, level), *BEYOND.values())["peak_force"]
-        for level in levels
-    ]
-    begin = 0
-    for factor, those in factors.items():
-        part = slice(begin, begin := begin + len(those))
-        best = ranked(forces[part], lowest=True)[0].mean(("chain", "draw"))
-        for level, p, force in zip(those, best.to_numpy(), true[part], strict=True):
-            yield factor, level[factor], float(p), force == min(true[part])
+    for factor, levels in factors.items():
+        drawn = fit.at(["peak_force"], [level | BEYOND for level in levels])["peak_force"]
+        best = ranked(drawn.rename(condition="level").transpose("level", ...), lowest=True)[0]
+        own = [at_level(made, simulation, level) for level in levels]
+        forces = [truths(simulation.tissue.element, p, *BEYOND.values())["peak_force"] for p in own]
+        for level, p, force in zip(levels, best.mean(("chain", "draw")).to_numpy(), forces, strict=True):
+            yield f"best {factor}|{level[factor]}|p", float(p)
+            yield f"best {factor}|{level[factor]}|true", float(force == min(forces))
 
 
-def row_of(rows: pd.DataFrame, chosen: list[tuple[str, str, float, bool]]) -> dict[str, float]:
-    """What is kept of a study."""
-    sides = rows.assign(below=rows["high"] < rows["truth"], above=rows["low"] > rows["truth"])
-    shares = sides.groupby(["of", "outcome"], sort=False)[["below", "above"]].mean()
-    row = {f"{of}|{outcome}|{side}": v for (of, outcome), s in shares.iterrows() for side, v in s.items()}
-    for factor, level, p, true in chosen:
-        row |= {f"best {factor}|{level}|p": p, f"best {factor}|{level}|true": float(true)}
-    return row
+def row_of(name: str, number: int) -> dict[str, Any]:
+    """What is kept of a study, asked without the tables and checks of a run."""
+    made, fits = simulate(content := study(name, number)), fits_of(name)
+    prepared = fits.prepared(made.dataset(name))
+    draws, passed = fits.fit(prepared, number)
+    law = Law(name, float(prepared.signal.gravity[0]), prepared.model.headform)
+    fit = Study(of_draws(prepared, draws, number), prepared.design.recorded, law)
+    return sides(intervals(fit, made, content)) | dict(choices(fit, made, content)) | {"passed": passed}
 
 
 def main() -> None:
-    name, studies = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else STUDIES
-    runtime.configure()
-    specification = specification_of(name)
-    with recorded(f"outcome_coverage-{name}") as record:
-        fits = Fits(specification, simulate(study(name, 0)).dataset(name), SAMPLES)
-        for number in record.missing(range(studies)):
-            simulation = study(name, number)
-            made = simulate(simulation)
-            fit, passed = finished(fits, fits.prepared(made.dataset(name)), name, number)
-            columns = ["of", "outcome", "low", "high", "truth"]
-            rows = pd.DataFrame(intervals(fit, made, simulation), columns=columns)
-            record.add(number, [row_of(rows, list(choices(fit, made, simulation))) | {"passed": passed}])
-        found = record.piece.rows()
-    print(shares(found).to_string(float_format="{:.3f}".format))
-    print(reliability(found).to_string(float_format="{:.3f}".format))
+    name = sys.argv[1]
+    rows = counted(f"outcome_coverage-{name}", partial(row_of, name), STUDIES)
+    print(reliability(rows).to_string(float_format="{:.3f}".format))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """Drops that `plan --after` saves to a running study, beside the order of masses that the thesis has.
 
     .venv/bin/python benchmarks/plan_after.py
-    .venv/bin/python benchmarks/plan_after.py --seconds 600
 
 Each study has a truth of its own, drawn from the beliefs of models/plan-thesis.toml but with the program's
 own belief of the mass exponent, so that the plan's question has an answer either way. Its five people are hit
@@ -20,24 +19,22 @@ those there are not made again; the summary goes to plan_after.csv.
 
 from __future__ import annotations
 
-import argparse
-import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from evidence import recorded
+from evidence.simulations import simulation
+from plan_assurance import tissue_of
 
 import bayestissue as bt
 from bayestissue.base import runtime
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.study import Study as Asked
-from bayestissue.model.hierarchy.design import build_design
-from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.studies.fitting import resolve
@@ -47,26 +44,29 @@ from bayestissue.studies.planning.plan_file import read_plan
 from bayestissue.studies.planning.planned_population import BLOCK, Pilot, PlannedPopulation, Streams
 from bayestissue.studies.planning.running import Running, RunningPrior, running_study
 from bayestissue.studies.planning.studies import arrangements
-from bayestissue.studies.planning.study_model import planned_model
 from bayestissue.studies.planning.study_posterior import PlannedSites, posteriors
-from bayestissue.studies.simulation import Simulation, simulate
+from bayestissue.studies.simulation import simulate
 
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "benchmarks" / "plan_after.csv"
 STUDIES = ROOT / "benchmarks" / "plan_after_studies.csv"
 NUMBER, FITTED = 24, 6
 PEOPLE, BEGUN, TWICE = 5, 2, 2
-FORMULA = "log(mass_kg) + (1|subject) + (1|trial)"
+FORMULA = dict.fromkeys("KC", "log(mass_kg) + (1|subject) + (1|trial)")
 PLAN = read_plan(ROOT / "models" / "plan-thesis.toml")
 (QUESTION,) = PLAN.questions.values()
-CONDITIONS = PLAN.candidates.conditions
-SURE = PLAN.goal.probability
+# Trials by mass and velocity, in the order of the thesis.
+CONDITIONS = {condition.trial: condition.mass_and_velocity() for condition in PLAN.candidates.conditions}
+SURE, REFERENCE_KG = PLAN.goal.probability, PLAN.reference_mass_kg
+# The analysis.
+MODEL = resolve("impact", formulas=FORMULA)[0].model_copy(
+    update={"reference_mass_kg": REFERENCE_KG, "discrepancy": "none"}
+)
 BELIEFS = PLAN.population.model_copy(update={"mass_exponent": PlannedPopulation().mass_exponent})
 # Draws of a posterior that is computed as often as planned ones, each time by points of its own: so that what
 # is compiled for these serves it.
 DRAWS = 4000
 WAYS = ("thesis", "plan")
-COLUMNS = ["study", "way", "drops", "answer", "posterior", "by_fit", "exponent", "order"]
 
 
 class Study(NamedTuple):
@@ -78,44 +78,26 @@ class Study(NamedTuple):
     exponent: float
 
 
-def specification() -> ModelSpecification:
-    """The analysis."""
-    model, _ = resolve("impact", formulas={"K": FORMULA, "C": FORMULA})
-    return model.model_copy(update={"reference_mass_kg": PLAN.reference_mass_kg, "discrepancy": "none"})
+def impacts_of(people: list[str], trials: list[str]) -> pd.DataFrame:
+    """Each person once in each condition."""
+    rows = [(person, trial, *CONDITIONS[trial]) for trial in trials for person in people]
+    return pd.DataFrame(rows, columns=["subject", "trial", "mass_kg", "velocity_m_s"])
 
 
-def study_of(number: int, model: ModelSpecification) -> Study:
+def study_of(number: int) -> Study:
     """A study with a truth of its own."""
-    rows = pd.DataFrame(
-        [(f"s{n}", c.trial, *c.mass_and_velocity()) for c in CONDITIONS for n in range(PEOPLE)],
-        columns=["subject", "trial", "mass_kg", "velocity_m_s"],
-    )
-    reference = float(model.reference_mass_kg or 0)
-    design = build_design(model.formula, rows, reference_mass_kg=reference, source="study")
-    planned, _ = planned_model(model, design)
-    truths = BELIEFS.truths(planned, design, Streams(31, number // BLOCK))
-    values = {name: float(v.reshape(BLOCK, -1)[number % BLOCK, 0]) for name, v in
-              {**truths.hyperparameters, **truths.fixed}.items()}  # fmt: skip
-    tissue: dict[str, Any] = {"reference_mass_kg": reference}
-    for q, key in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
-        tissue[key] = float(np.exp(values[f"intercept_{q}"]))
-        names = ("mass_exponent", "sd_subject", "sd_trial", "sd_impact")
-        tissue |= {f"{name}_{q}": values[f"{name}_{q}"] for name in names}
+    rows = impacts_of([f"s{n}" for n in range(PEOPLE)], list(CONDITIONS))
+    tissue = tissue_of(BELIEFS, MODEL, rows, 31, number)
+    conditions = [condition.model_dump(exclude_none=True) for condition in PLAN.candidates.conditions]
     content = {
         "name": "study",
-        "seed": 31_000 + number,
-        "design": {
-            "subjects": PEOPLE,
-            "repeats": TWICE,
-            "conditions": [condition.model_dump(exclude_none=True) for condition in CONDITIONS],
-        },
-        "tissue": tissue,
+        "design": {"subjects": PEOPLE, "repeats": TWICE, "conditions": conditions},
         "recording": PLAN.recording.model_dump(exclude_none=True),
     }
-    dataset = simulate(Simulation.model_validate(content)).dataset("study")
-    sites = running_study(prepare(dataset, model, source="study"), model)
+    dataset = simulate(simulation(content, tissue=tissue, seed=31_000 + number)).dataset("study")
+    sites = running_study(prepare(dataset, MODEL, source="study"), MODEL)
     repeat = sites.rows.groupby(["subject", "trial"]).cumcount().to_numpy()
-    return Study(dataset, sites, repeat, values["mass_exponent_K"])
+    return Study(dataset, sites, repeat, tissue["mass_exponent_K"])
 
 
 def recorded_by(study: Study, order: list[str]) -> np.ndarray:
@@ -131,15 +113,10 @@ def so_far(study: Study, order: list[str]) -> Running:
     return Running(rows, study.sites.centre[there], study.sites.precision[there])
 
 
-def posterior_of(running: Running, model: ModelSpecification) -> tuple[xr.Dataset, float]:
+def posterior_of(running: Running) -> tuple[xr.Dataset, float]:
     """Draws of the posterior of what is recorded, and the probability of the question's claim."""
-    reference = float(model.reference_mass_kg or 0)
-    (arranged,) = arrangements(
-        [running.rows],
-        model,
-        reference_mass_kg=reference,
-        relative_mass_sd=PLAN.recording.relative_mass_sd,
-    )
+    sd = PLAN.recording.relative_mass_sd
+    (arranged,) = arrangements([running.rows], MODEL, reference_mass_kg=REFERENCE_KG, relative_mass_sd=sd)
     centre = np.broadcast_to(running.centre, (BLOCK, *running.centre.shape))
     present = np.ones(centre.shape[:2], bool)
     planned = arranged.model
@@ -154,40 +131,30 @@ def posterior_of(running: Running, model: ModelSpecification) -> tuple[xr.Datase
     return draws, float(draws_of(parse(QUESTION), Asked(draws, arranged.design.recorded)).mean())
 
 
-def next_by_plan(running: Running, draws: xr.Dataset, order: list[str], model: ModelSpecification) -> str:
+def next_by_plan(running: Running, draws: xr.Dataset, order: list[str]) -> str:
     """The condition that leaves the fewest undecided bits, as `plan --after` finds it."""
     single = {str(n): v.to_numpy().ravel() for n, v in draws.data_vars.items() if v.dims == ("chain", "draw")}
-    pilot = Pilot(single, float(model.reference_mass_kg or 0), BELIEFS)
-    candidates = [condition for condition in CONDITIONS if order.count(condition.trial) < TWICE]
-    people = running.rows[["subject"]].drop_duplicates()
-    designs = [
-        people.assign(trial=c.trial, mass_kg=c.mass_and_velocity()[0], velocity_m_s=c.mass_and_velocity()[1])
-        for c in candidates
-    ]
-    ready = planner(
-        designs,
-        model,
-        RunningPrior.of_posterior(draws, pilot, running.rows["mass_kg"].to_numpy(float)),
-        simulation_of(PLAN.recording),
-        seed=len(order),
-        running=running,
+    prior = RunningPrior.of_posterior(
+        draws, Pilot(single, REFERENCE_KG, BELIEFS), running.rows["mass_kg"].to_numpy(float)
     )
+    trials, people = [trial for trial in CONDITIONS if order.count(trial) < TWICE], running.rows["subject"]
+    designs = [impacts_of(list(people.unique()), [trial]) for trial in trials]
+    recorder = simulation_of(PLAN.recording)
+    ready = planner(designs, MODEL, prior, recorder, seed=len(order), running=running)
     assessed = ready.assess([Goal("question", QUESTION)], range(1), probability=SURE)
-    bits = [of_design[0].numbers()["undecided_bits"] for of_design in assessed]
-    return candidates[int(np.argmin(bits))].trial
+    return trials[int(np.argmin([of_design[0].numbers()["undecided_bits"] for of_design in assessed]))]
 
 
-def carried_on(study: Study, way: str, model: ModelSpecification) -> tuple[list[str], float]:
+def carried_on(study: Study, way: str) -> tuple[list[str], float]:
     """The conditions of a study that goes on in one of the ways until it has answered, and its posterior."""
-    thesis = [condition.trial for condition in CONDITIONS]
+    thesis = list(CONDITIONS)
     order = thesis[:BEGUN]
     while True:
         running = so_far(study, order)
-        draws, p = posterior_of(running, model)
+        draws, p = posterior_of(running)
         if not 1 - SURE <= p <= SURE or len(order) == len(thesis):
             return order, p
-        following = next_by_plan(running, draws, order, model) if way == "plan" else thesis[len(order)]
-        order = [*order, following]
+        order = [*order, next_by_plan(running, draws, order) if way == "plan" else thesis[len(order)]]
 
 
 def by_fit(study: Study, order: list[str]) -> float:
@@ -199,73 +166,56 @@ def by_fit(study: Study, order: list[str]) -> float:
         impacts=whole.impacts.iloc[there].reset_index(drop=True),
         traces=[whole.traces[number] for number in there],
     )
-    return float(bt.fit(part, "impact", K=FORMULA, C=FORMULA).ask(QUESTION)["posterior"].iloc[0])
+    return float(bt.fit(part, "impact", **FORMULA).ask(QUESTION)["posterior"].iloc[0])
 
 
-def make_studies(number: int, until: float) -> int:
-    """Those that are not there yet; how many are left when the time is up."""
-    there = set(pd.read_csv(STUDIES)["study"]) if STUDIES.exists() else set()
-    waiting, model = [study for study in range(number) if study not in there], specification()
-    for done, which in enumerate(waiting):
-        if time.monotonic() > until:
-            return len(waiting) - done
-        study, rows = study_of(which, model), []
-        for way in WAYS:
-            order, p = carried_on(study, way, model)
-            answer = "yes" if p > SURE else "no" if p < 1 - SURE else ""
-            fitted = by_fit(study, order) if which < FITTED else np.nan
-            rows.append([which, way, PEOPLE * len(order), answer, p, fitted, study.exponent, " ".join(order)])
-        table = pd.DataFrame(rows, columns=COLUMNS)
-        table.to_csv(STUDIES, mode="a", header=not STUDIES.exists(), index=False)
-        print(table.drop(columns=["study"]).to_string(index=False, header=False), flush=True)
-    return 0
+def rows_of(number: int) -> pd.DataFrame:
+    """A study that has ended both ways."""
+    study, rows = study_of(number), []
+    for way in WAYS:
+        order, p = carried_on(study, way)
+        row = {"study": number, "way": way, "drops": PEOPLE * len(order)}
+        row |= {"answer": "yes" if p > SURE else "no" if p < 1 - SURE else "", "posterior": p}
+        row["by_fit"] = by_fit(study, order) if number < FITTED else np.nan
+        rows.append(row | {"exponent": study.exponent, "order": " ".join(order)})
+    return pd.DataFrame(rows)
 
 
 def summary(studies: pd.DataFrame) -> pd.DataFrame:
     """A row each way, and the saving of the second with its standard error, paired by study."""
-    true = studies["exponent"] < float(QUESTION.rpartition("<")[2])
+    true = (studies["exponent"] < float(QUESTION.rpartition("<")[2])).map({True: "yes", False: "no"})
+    answered = studies["answer"].ne("")
     studies = studies.assign(
-        wrong=studies["answer"].map({"yes": True, "no": False}).ne(true) & studies["answer"].ne("")
+        answered=answered,
+        wrong=answered & studies["answer"].ne(true),
+        off=(studies["by_fit"] - studies["posterior"]).abs(),
     )
     drops = studies.pivot_table(index="study", columns="way", values="drops")
-    saved = drops["thesis"] - drops["plan"]
-    both = (
-        studies.pivot_table(index="study", columns="way", values="answer", aggfunc="first").ne("").all(axis=1)
+    saved, both = drops["thesis"] - drops["plan"], studies.groupby("study")["answered"].all()
+    rows = studies.groupby("way").agg(
+        studies=("drops", "size"),
+        drops=("drops", "mean"),
+        drops_se=("drops", "sem"),
+        answered=("answered", "sum"),
+        wrong=("wrong", "sum"),
+        fits=("by_fit", "count"),
+        largest_difference=("off", "max"),
     )
-    rows = []
-    for way in WAYS:
-        of_way = studies[studies["way"] == way]
-        rows.append(
-            {
-                "way": way,
-                "studies": len(of_way),
-                "drops": of_way["drops"].mean(),
-                "drops_se": of_way["drops"].sem(),
-                "answered": int(of_way["answer"].ne("").sum()),
-                "wrong": int(of_way["wrong"].sum()),
-                "fits": int(of_way["by_fit"].notna().sum()),
-                "largest_difference": (of_way["by_fit"] - of_way["posterior"]).abs().max(),
-                "saving": saved.mean(),
-                "saving_se": saved.sem(),
-                "of_both_answered": int(both.sum()),
-                "saving_of_those": saved[both].mean(),
-                "saving_of_those_se": saved[both].sem(),
-            }
-        )
-    return pd.DataFrame(rows)
+    saving = {"saving": saved.mean(), "saving_se": saved.sem(), "of_both_answered": both.sum()}
+    saving |= {"saving_of_those": saved[both].mean(), "saving_of_those_se": saved[both].sem()}
+    return rows.loc[[*WAYS]].assign(**saving).reset_index()
 
 
 def main() -> None:
     """Make what is missing, and the summary."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--studies", type=int, default=NUMBER)
-    parser.add_argument("--seconds", type=float, default=np.inf, help="how long this call may take")
-    arguments = parser.parse_args()
     runtime.configure()
     runtime.keep_compiled()
-    with recorded("plan_after") as record:
-        left = make_studies(arguments.studies, time.monotonic() + arguments.seconds)
-        record.left = f"{left} studies" if left else ""
+    with recorded("plan_after"):
+        known = set(pd.read_csv(STUDIES)["study"]) if STUDIES.exists() else set()
+        for number in sorted(set(range(NUMBER)) - known):
+            table = rows_of(number)
+            table.to_csv(STUDIES, mode="a", header=not STUDIES.exists(), index=False)
+            print(table.drop(columns=["study"]).to_string(index=False, header=False), flush=True)
         rows = summary(pd.read_csv(STUDIES, keep_default_na=False, na_values={"by_fit": ""}))
         rows.to_csv(TABLE, index=False, float_format="%.4g")
     print(rows.to_string(index=False))

@@ -22,11 +22,10 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
-from coverage import model_of
-from evidence import recorded
+from evidence import measure
 from evidence.references import OF_END, OF_MEDIAN, OF_SD, TISSUES, campaign
 from numpyro.infer import MCMC, NUTS, init_to_value
-from studies import of_draws
+from studies import model_of, of_draws
 
 import bayestissue as bt
 from bayestissue.base import runtime
@@ -147,9 +146,7 @@ def main() -> None:
     if sys.argv[1:2] == ["draw"]:
         draw(sys.argv[2])
         return
-    with recorded("posteriors") as record:
-        for case in record.missing(pd.read_csv(TABLE)["case"].unique()):
-            record.add(case, compared(case))
+    measure("posteriors", pd.read_csv(TABLE)["case"].unique(), compared)
 
 
 if __name__ == "__main__":

@@ -13,9 +13,8 @@ import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from evidence import recorded
+from evidence import measure
 
-from bayestissue.base.runtime import configure
 from bayestissue.model.likelihood import arma21_log_likelihood
 from bayestissue.studies.selftest.published_numbers import PUBLISHED
 
@@ -52,11 +51,8 @@ def row(number: str, published: float, computed: float, allowed: float) -> Mappi
 
 
 def main() -> None:
-    configure()
     here = [f"{BOOK}{name}" for name in SERIES if path_of(name).is_file()]
-    with recorded("published") as record:
-        for unit in record.missing([*PUBLISHED, *here]):
-            record.add(unit, list(rows_of(unit)))
+    measure("published", [*PUBLISHED, *here], rows_of)
 
 
 if __name__ == "__main__":

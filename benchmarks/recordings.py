@@ -13,10 +13,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-from evidence import recorded
+from evidence import measure
 
 import bayestissue as bt
-from bayestissue.base import runtime
 from bayestissue.inference.checking.model_form import SMALL_P
 
 
@@ -36,12 +35,8 @@ def row_of(folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    runtime.configure()
     paths = sorted(path.parent for path in Path(os.environ["EVIDENCE_RECORDINGS"]).glob("*/dataset.toml"))
-    folders = {folder.name: folder for folder in paths}
-    with recorded("recordings") as record:
-        for name in record.missing(folders):
-            record.add(name, [row_of(folders[name])])
+    measure("recordings", {folder.name: folder for folder in paths}, row_of)
 
 
 if __name__ == "__main__":

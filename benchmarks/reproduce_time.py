@@ -12,29 +12,13 @@ are timed in turn, all by this Python and its libraries. Beside the times the ta
 from __future__ import annotations
 
 import argparse
-import os
-import resource
-import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 
 import pandas as pd
 from evidence import recorded
-
-ROOT = Path(__file__).resolve().parent.parent
-
-
-def timed(program: Path, out: Path, cache: Path) -> dict[str, float]:
-    """Seconds of one run into a new folder."""
-    own = {"PYTHONPATH": str(program / "src"), "JAX_COMPILATION_CACHE_DIR": str(cache)}
-    command = [sys.executable, "-m", "bayestissue", "reproduce", "--quiet", "--out", str(out)]
-    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    subprocess.run(command, check=True, cwd=program, env=os.environ | own)  # noqa: S603 - our own program
-    after, seconds = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic() - begin
-    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return {"s": round(seconds, 1), "cpu_s": round(spent, 1)}
+from evidence.commands import timed
+from evidence.registry import ROOT
 
 
 def results(folder: Path) -> dict[str, str | float]:
@@ -70,7 +54,9 @@ def measured(programs: list[Path]) -> pd.DataFrame:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             for run in ("first", "again"):
-                seconds = timed(program.resolve(), folder / run, folder / "compiled")
+                command = ("reproduce", "--quiet", "--out", folder / run)
+                compiled = str(folder / "compiled")
+                seconds = timed(*command, program=program, JAX_COMPILATION_CACHE_DIR=compiled)
                 rows.append({"program": str(program), "run": run, **seconds, **results(folder / run)})
     return pd.DataFrame(rows)
 

@@ -4,33 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from evidence.simulations import simulation, tables
 from jaxtyping import Float
 
 from bayestissue.recordings.dataset import Dataset, Trace
 from bayestissue.recordings.dataset.dataset_file import Quantity, Settings, SignalSettings
 from bayestissue.studies.simulation.campaign import leaves, simulate
-from bayestissue.studies.simulation.simulation_file import (
-    Condition,
-    Recording,
-    Simulation,
-    StudyDesign,
-    Tissue,
-)
 
-FINE_HZ = 20_000.0
-REST_S = 0.04
+TABLES = tables(__file__)
+FINE_HZ, REST_S = (TABLES["campaign"]["recording"][key] for key in ("sampling_rate_hz", "after_contact_s"))
 RATES_HZ = (1000.0, 2000.0, 5000.0, 10_000.0)
-TISSUES: dict[str, dict[str, object]] = {
-    "kelvin_voigt": {"K_N_per_m": 4000.0, "C_N_s_per_m": 30.0},
-    "maxwell": {"K_N_per_m": 4000.0, "C_N_s_per_m": 120.0},
-    "standard_linear": {"K_N_per_m": 2500.0, "C_N_s_per_m": 30.0, "parameters": {"arm_ratio": 2.0}},
-    "stiffening": {"K_N_per_m": 2500.0, "C_N_s_per_m": 25.0, "parameters": {"stiffening_depth_m": 0.02}},
-    "hunt_crossley": {"K_N_per_m": 3000.0, "C_N_s_per_m": 60.0},
-    "wall": {"K_N_per_m": 2500.0, "C_N_s_per_m": 25.0, "parameters": {"thickness_m": 0.04}},
-}
+TISSUES: dict[str, dict[str, Any]] = TABLES["tissues"]
 
 
 @dataclass(frozen=True)
@@ -105,23 +93,11 @@ def impacts(count: int, seed: int = 0, elements: Sequence[str] = tuple(TISSUES))
 def _of_element(element: str, count: int, rng: np.random.Generator, seed: int) -> list[Impact]:
     # Half as many again, since those that are too fast or too slow for the recorder are not used.
     drawn = count + count // 2 + 4
-    conditions = tuple(
-        Condition(trial=f"t{number}", mass_kg=mass, velocity_m_s=velocity)
-        for number, (mass, velocity) in enumerate(
-            zip(10 ** rng.uniform(-0.4, 0.4, drawn), rng.uniform(0.6, 2.5, drawn), strict=True)
-        )
-    )
-    tissue = {"sd_impact_K": 0.5, "sd_impact_C": 0.4, "element": element, **TISSUES[element]}
-    recording = {"before_contact_s": REST_S, "after_contact_s": REST_S, "sampling_rate_hz": FINE_HZ}
-    campaign = simulate(
-        Simulation(
-            name=element,
-            seed=seed,
-            design=StudyDesign(conditions=conditions, subjects=1),
-            tissue=Tissue.model_validate(tissue),
-            recording=Recording.model_validate(recording),
-        )
-    )
+    masses, velocities = 10 ** rng.uniform(-0.4, 0.4, drawn), rng.uniform(0.6, 2.5, drawn)
+    conditions = [(f"t{n}", *each) for n, each in enumerate(zip(masses, velocities, strict=True))]
+    own = {"tissue": {"element": element, **TISSUES[element]}}
+    design = {"subjects": 1, "conditions": conditions}
+    campaign = simulate(simulation(TABLES["campaign"], own, name=element, seed=seed, design=design))
     truth = campaign.truth
     motions = [
         Impact(element, mass, velocity, contact, to_peak, until, d, _displacement(d, contact, velocity))

@@ -10,66 +10,54 @@ how many have p below 0.01, where the model's own noise gives 1 %. A row a datas
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
-from coverage import KEPT, Fits, model_of, residuals_of
-from evidence import recorded
+from evidence import measure
+from evidence.simulations import simulation, tables
+from studies import FEW_DRAWS, Fits, model_of, residuals_of
 
 import bayestissue as bt
-from bayestissue.base import runtime
 from bayestissue.inference.checking.model_form import SMALL_P, judged, with_impacts
 from bayestissue.inference.factors.noise_left import noise_p
-from bayestissue.model.hierarchy.specification import Sampler
-from bayestissue.studies.simulation import Simulation, simulate
+from bayestissue.studies.simulation import simulate
 
 DATASETS, IMPACTS, FIRST_SEED = 40, 4000, 50_000
 # The unit of the impacts that are estimated, not fitted.
 ALONE = -1
-# The score is that of all residuals together, by medians over the draws.
-SAMPLER = Sampler(draws=KEPT, effective=200)
 RATES_HZ = (2000.0, 5000.0)
 # Samples that all traces are filled up to, so that the fits of a design are compiled once.
 LONGEST = dict(zip(RATES_HZ, (64, 192), strict=True))
-CHAIN = {
-    "relative_mass_sd": 0.005,
-    "velocity_sd_m_s": 0.0075,
-    "relative_gain_sd": 0.005,
-    "offset_sd_m_s2": 0.2,
-}
+TABLES = tables(__file__)
 
 
-def campaign(seed: int, rate: float, *, errs: bool, people: int, repeats: int = 1) -> Simulation:
-    """People hit with three masses, or with the middle one alone where there are thousands."""
+def campaign(number: int, masses: tuple[float, ...], rate: float, *, errs: bool, **design: int) -> bt.Dataset:
+    """People hit with each of the masses."""
+    seed = FIRST_SEED + number
     noise = float(np.exp(np.random.default_rng([seed, 9]).uniform(np.log(0.002), np.log(0.02))))
-    masses = (0.5, 0.7, 1.0) if people < DATASETS else (0.7,)
-    conditions = [{"trial": f"{mass} kg", "mass_kg": mass, "velocity_m_s": 1.5} for mass in masses]
-    spread = {f"sd_{level}_{name}": 0.15 for level in ("subject", "impact") for name in "KC"}
-    return Simulation.model_validate(
-        {
-            "name": "sound",
-            "seed": seed,
-            "design": {"subjects": people, "conditions": conditions, "repeats": repeats},
-            "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, **spread},
-            "recording": {
-                "sampling_rate_hz": rate,
-                "noise_relative_to_peak": noise,
-                **(CHAIN if errs else {}),
-            },
-        }
-    )
+    own = {
+        "design": {"conditions": [(f"{mass} kg", mass, 1.5) for mass in masses], **design},
+        "recording": {"sampling_rate_hz": rate, "noise_relative_to_peak": noise},
+    }
+    errors = {"recording": TABLES["errors"] if errs else {}}
+    return simulate(simulation(TABLES["campaign"], own, errors, seed=seed)).dataset("sound")
 
 
-def fitted(number: int, fits: Fits, made: Simulation, *, errs: bool) -> dict[str, Any]:
+def fit_of(number: int) -> dict[str, Any]:
     """The verdict of one dataset's fit, as `bayestissue fit` has it."""
-    prepared = fits.prepared(simulate(made).dataset(made.name))
+    people, rate, errs = 2 + number // 2 % 3, RATES_HZ[number % 2], number % 4 < 2
+    data = campaign(number, (0.5, 0.7, 1.0), rate, errs=errs, subjects=people, repeats=2)
+    fits = fits_of(people, rate)
+    prepared = fits.prepared(data)
+    # The score is that of all residuals together, by medians over the draws.
     draws, _ = fits.fit(prepared, number)
     form = judged(*residuals_of(prepared, draws, number))
     middle = np.median(draws.impacts["parameters"].astype(float), axis=(0, 1))
     p = noise_p(prepared.model, prepared.data, middle)
     form = with_impacts(form, prepared.impacts["impact"].astype(str).tolist(), p)
     return {
-        "rate_hz": made.recording.sampling_rate_hz,
+        "rate_hz": rate,
         "errors": errs,
         "impacts": form["impacts"]["tested"],
         "below": form["impacts"]["below"],
@@ -78,30 +66,23 @@ def fitted(number: int, fits: Fits, made: Simulation, *, errs: bool) -> dict[str
     }
 
 
-def counted(rate: float, impacts: int) -> dict[str, Any]:
-    """How many of so many impacts have a small p."""
-    made = campaign(FIRST_SEED - 1, rate, errs=True, people=impacts)
-    p = bt.estimate(simulate(made).dataset(made.name))["whiteness_p"].to_numpy()
+@cache
+def fits_of(people: int, rate: float) -> Fits:
+    """The fits of one design's datasets."""
+    first = campaign(0, (0.5, 0.7, 1.0), rate, errs=True, subjects=people, repeats=2)
+    return Fits(model_of("impact").model_copy(update={"sampler": FEW_DRAWS}), first, LONGEST[rate])
+
+
+def estimated(rate: float = RATES_HZ[0]) -> dict[str, Any]:
+    """How many of thousands of impacts have a small p."""
+    p = bt.estimate(campaign(-1, (0.7,), rate, errs=True, subjects=IMPACTS))["whiteness_p"].to_numpy()
     tested, below = int(np.isfinite(p).sum()), int((p < SMALL_P).sum())
     return {"rate_hz": rate, "errors": True, "impacts": tested, "below": below}
 
 
 def main() -> None:
-    runtime.configure()
-    with recorded("sound_fits") as record:
-        fits: dict[tuple[int, float], Fits] = {}
-        model = model_of("impact").model_copy(update={"sampler": SAMPLER})
-        for number in record.missing([ALONE, *range(DATASETS)]):
-            if number == ALONE:
-                record.add(number, [counted(RATES_HZ[0], IMPACTS)])
-                continue
-            people, errs = 2 + number // 2 % 3, number % 4 < 2
-            rate = RATES_HZ[number % 2]
-            simulation = campaign(FIRST_SEED + number, rate, errs=errs, people=people, repeats=2)
-            if (of := (people, rate)) not in fits:
-                first = simulate(simulation).dataset(simulation.name)
-                fits[of] = Fits(model, first, LONGEST[rate])
-            record.add(number, [fitted(number, fits[of], simulation, errs=errs)])
+    units = [ALONE, *range(DATASETS)]
+    measure("sound_fits", units, lambda number: estimated() if number == ALONE else fit_of(number))
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -75,14 +76,11 @@ def clipped_under_noise(impact: Impact, chain: Chain, rng: np.random.Generator) 
     return record(impact, chain, sensor=lambda _, d: np.minimum(d, limit))
 
 
-def _late(seconds: float) -> Spoiling:
-    def late(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
-        whole = record(impact, replace(chain, before=0.0))
-        lost = max(1, round(seconds / chain.dt))
-        return Trace(np.arange(whole.value.size - lost) * chain.dt, whole.value[lost:])
-
-    late.__doc__ = f"The recording begins {1e3 * seconds:g} ms after contact."
-    return late
+def late(impact: Impact, chain: Chain, rng: np.random.Generator, seconds: float) -> Trace:
+    """The recording begins so long after contact."""
+    whole = record(impact, replace(chain, before=0.0))
+    lost = max(1, round(seconds / chain.dt))
+    return Trace(np.arange(whole.value.size - lost) * chain.dt, whole.value[lost:])
 
 
 def _spiked(trace: Trace, start: int, height: float, width: int) -> Trace:
@@ -120,14 +118,11 @@ def baseline_shift(impact: Impact, chain: Chain, rng: np.random.Generator) -> Tr
     return record(impact, chain, digital=moved)
 
 
-def _hum(hertz: float) -> Spoiling:
-    def hum(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
-        chain = replace(_quiet(chain, rng), after=impact.leaves + rng.uniform(0.01, 0.035))
-        size, phase = rng.uniform(0.02, 0.15), rng.uniform(0, 2 * np.pi)
-        return record(impact, chain, digital=lambda t, d: d + size * np.sin(2 * np.pi * hertz * t + phase))
-
-    hum.__doc__ = f"Mains hum of {hertz:g} Hz, 2 to 15 % of the peak."
-    return hum
+def hum(impact: Impact, chain: Chain, rng: np.random.Generator, hertz: float) -> Trace:
+    """Mains hum, 2 to 15 % of the peak."""
+    chain = replace(_quiet(chain, rng), after=impact.leaves + rng.uniform(0.01, 0.035))
+    size, phase = rng.uniform(0.02, 0.15), rng.uniform(0, 2 * np.pi)
+    return record(impact, chain, digital=lambda t, d: d + size * np.sin(2 * np.pi * hertz * t + phase))
 
 
 def drift(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
@@ -194,13 +189,11 @@ def second_hit(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
     """Something else is hit before zero velocity: a bump of 0.3 to 1 times the peak, a third as long."""
     at, size = rng.uniform(0.3, 0.9) * impact.to_peak, rng.uniform(0.3, 1)
     width = impact.to_peak / 3
-    return record(
-        impact,
-        chain,
-        digital=lambda t, d: (
-            d + size * np.where(np.abs(t - at) < width / 2, np.cos(np.pi * (t - at) / width), 0) ** 2
-        ),
-    )
+
+    def bump(t: np.ndarray, d: np.ndarray) -> np.ndarray:
+        return d + size * np.where(np.abs(t - at) < width / 2, np.cos(np.pi * (t - at) / width), 0) ** 2
+
+    return record(impact, chain, digital=bump)
 
 
 def coarse(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
@@ -251,14 +244,14 @@ def _quiet(chain: Chain, rng: np.random.Generator) -> Chain:
 KINDS: dict[str, Spoiling] = {
     "clipped": clipped,
     "clipped, noise behind it": clipped_under_noise,
-    "begins 1 ms late": _late(0.001),
-    "begins 2 ms late": _late(0.002),
-    "begins 4 ms late": _late(0.004),
+    "begins 1 ms late": partial(late, seconds=0.001),
+    "begins 2 ms late": partial(late, seconds=0.002),
+    "begins 4 ms late": partial(late, seconds=0.004),
     "spike before contact": spike_before,
     "spike during the impact": spike_during,
     "zero moves during the impact": baseline_shift,
-    "hum of 50 Hz": _hum(50.0),
-    "hum of 60 Hz": _hum(60.0),
+    "hum of 50 Hz": partial(hum, hertz=50.0),
+    "hum of 60 Hz": partial(hum, hertz=60.0),
     "drift": drift,
     "samples lost": dropped,
     "samples repeated": held,
@@ -288,12 +281,8 @@ class Recorded:
     quantity: Quantity = "deceleration"
 
     def __add__(self, more: Recorded) -> Recorded:
-        return Recorded(
-            self.impacts + more.impacts,
-            self.chains + more.chains,
-            self.traces + more.traces,
-            self.quantity,
-        )
+        own, other = ((each.impacts, each.chains, each.traces) for each in (self, more))
+        return Recorded(*(a + b for a, b in zip(own, other, strict=True)), self.quantity)
 
 
 def sound_ones(
@@ -363,16 +352,9 @@ def _sound(impacts: list[Impact], chains: list[Chain], quantity: Quantity) -> li
 
 
 def _said(data: Dataset, table: pd.DataFrame) -> pd.Series:
-    values = [trace.value for trace in data.traces]
-    start = np.concatenate([[0], np.cumsum([value.size for value in values])])
-    samples = Samples(
-        np.concatenate([trace.time_s for trace in data.traces]),
-        np.concatenate(values),
-        start,
-        np.arange(len(values)),
-        ["traces.csv"] * len(values),
-        np.arange(start[-1]) + 2,
-    )
+    flat = data.traces
+    numbers, rows = np.arange(len(flat)), np.arange(flat.value.size) + 2
+    samples = Samples(flat.time_s, flat.value, flat.start, numbers, ["traces.csv"] * len(flat), rows)
     verdicts = check_recordings(Recordings(samples, data.impacts, data.quantity, data.uncertainty))
     refused = pd.Series("", index=data.impacts["impact"])
     for problem in (*verdicts.warnings, *verdicts.problems):

@@ -13,20 +13,22 @@ recorded with the same chain and noise and not spoilt. A row a kind.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from functools import partial
 
 import pandas as pd
 import sound
-from evidence import recorded
-from spoiling import KINDS, judged, sound_ones, spoilt_ones
+from evidence import measure
+from spoiling import KINDS, Recorded, judged, sound_ones, spoilt_ones
 
 from bayestissue.base import runtime
 
 SOUND, SPOILT = 1000, 100
 
 
-def line(found: pd.DataFrame) -> dict[str, object]:
+def line(recorded: Callable[[], Recorded], *, sound: bool = False) -> dict[str, object]:
     """One row of the table."""
+    found: pd.DataFrame = judged(recorded(), sound=sound)
     flagged, off = found["flags"] != "", found["off"] > 0.05
     named = Counter(flag for text in found.loc[flagged, "flags"] for flag in text.split("; "))
     return {
@@ -43,16 +45,15 @@ def line(found: pd.DataFrame) -> dict[str, object]:
 
 def main() -> None:
     runtime.configure()
-    with recorded("spoilt_impacts") as record:
-        impacts = sound.impacts(600)
-        sound_sets = {
-            "sound, deceleration": lambda: sound_ones(impacts, SOUND),
-            "sound, cropped at contact": lambda: sound_ones(impacts, SOUND, cropped=True),
-            "sound, displacement": lambda: sound_ones(impacts, SPOILT, "displacement"),
-        }
-        sets = sound_sets | {kind: partial(spoilt_ones, kind, impacts, SPOILT) for kind in KINDS}
-        for kind in record.missing(sets):
-            record.add(kind, [line(judged(sets[kind](), sound=kind in sound_sets))])
+    impacts = sound.impacts(600)
+    whole = {
+        "sound, deceleration": partial(sound_ones, impacts, SOUND),
+        "sound, cropped at contact": partial(sound_ones, impacts, SOUND, cropped=True),
+        "sound, displacement": partial(sound_ones, impacts, SPOILT, "displacement"),
+    }
+    units = {name: partial(line, made, sound=True) for name, made in whole.items()}
+    units |= {kind: partial(line, partial(spoilt_ones, kind, impacts, SPOILT)) for kind in KINDS}
+    measure("spoilt_impacts", units, lambda of: of())
 
 
 if __name__ == "__main__":

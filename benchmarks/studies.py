@@ -1,32 +1,49 @@
-"""Simulated studies one after the other: fitted, their intervals held against the truth, their rows kept.
-
-A script that was stopped goes on.
-"""
+"""What simulated studies share: they are fitted, their intervals held against the truth, their rows kept."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import xarray as xr
-from evidence import recorded
-from evidence.families.outcomes import shares
+from evidence import measure
+from evidence.families.outcomes import LEVEL, shares
+from evidence.simulations import tables
 
 import bayestissue as bt
 from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.inference.quantities.quantity_draws import Draws, quantities
 from bayestissue.inference.results.labels import labelled
-from bayestissue.inference.results.tree import dimensions
+from bayestissue.inference.results.tree import dimensions, predicted
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
-from bayestissue.model.hierarchy.trace_data import Prepared
+from bayestissue.model.hierarchy.specification import (
+    SIDE_BY_SIDE,
+    ModelSpecification,
+    Sampler,
+    read_specification,
+)
+from bayestissue.model.hierarchy.trace_data import Prepared, assemble, prepare
+from bayestissue.recordings.dataset import Dataset
+from bayestissue.recordings.signal import displacements
+from bayestissue.recordings.signal.displacement import Displacements
 from bayestissue.studies.fitting import resolve
 
-LEVEL = 0.9
-# Of the chains: four of so many draws know an end of an interval to a hundredth of probability.
-SAMPLER = {"draws": 250, "effective": 200, "transitions": 4000}
+ROOT = Path(__file__).parents[1]
+CHAIN, SAMPLER = tables(__file__)["chain"], tables(__file__)["sampler"]
+# Of each chain: about as many as are effective, whose quantities are made sooner than those of all.
+KEPT = SAMPLER["draws"]
+# Know an end of an interval to one or two hundredths of probability.
+FEW_DRAWS = Sampler(draws=KEPT, effective=SAMPLER["effective"])
+LENGTHS = (64, 96, 128, 192, 256, 384, 512, 768)
+# Of K and C, as names of columns end.
+UNITS = {"K": "N_per_m", "C": "N_s_per_m"}
+QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 
 
 class Fitted(NamedTuple):
@@ -52,9 +69,15 @@ class Interval(NamedTuple):
     truth: Any
 
 
+def model_of(name: str) -> ModelSpecification:
+    """The model file of a likelihood or of an element."""
+    file = "impact" if name == SIDE_BY_SIDE else name
+    return read_specification(ROOT / "models" / f"{file}.toml")
+
+
 def fitted(dataset: bt.Dataset, seed: int, model: Mapping[str, Any] | None = None) -> Fitted:
     """The posterior of a study by a model, or by that of what was recorded."""
-    specification, source = resolve(model, dataset.recorded)
+    specification, source = resolve(model, dataset.quantity)
     sampler = specification.sampler.model_copy(update=SAMPLER)
     _, prepared = prepare_without_phantoms(dataset, specification, source=source)
     chains = sample(prepared, sampler, seed)
@@ -62,11 +85,66 @@ def fitted(dataset: bt.Dataset, seed: int, model: Mapping[str, Any] | None = Non
     return Fitted(prepared, of_draws(prepared, draws, seed), chains.verdict.passed)
 
 
+class Fits:
+    """The fits of one model file to data sets of one design, their traces filled up to ``least`` samples."""
+
+    def __init__(self, specification: ModelSpecification, dataset: Dataset, least: int = 0) -> None:
+        self._specification, self._least = specification, least
+        self._design = prepare(dataset, specification, source="the model file").design
+
+    def prepared(self, dataset: Dataset) -> Prepared:
+        """Its data, be its traces as short as they may."""
+        signal = filled_up(displacements(dataset, self._specification.signal), self._least)
+        return assemble(dataset, self._specification, self._design, signal)
+
+    def fit(self, prepared: Prepared, seed: int) -> tuple[Draws, bool]:
+        """Draws of everything, and whether the chains passed."""
+        # What is compiled for many shapes takes more mapped memory than a process may have.
+        runtime.release_compiled()
+        sampler = self._specification.sampler
+        chains = sample(prepared, sampler, seed)
+        return draws_of_chain(prepared, chains.thinned(min(KEPT, sampler.draws)), seed), chains.verdict.passed
+
+
+def filled_up(signal: Displacements, least: int = 0) -> Displacements:
+    """The same with zeros past the ends, up to one of a few lengths: what is compiled serves most of them."""
+    samples = signal.x.shape[1]
+    more = next((length for length in LENGTHS if length >= max(samples, least)), samples) - samples
+    by_sample = ("x", "v", "value", "sample_number", "clipped")
+    rows = {name: np.pad(getattr(signal, name), ((0, 0), (0, more))) for name in by_sample}
+    return replace(signal, **rows)
+
+
 def of_draws(prepared: Prepared, draws: Draws, seed: int) -> xr.Dataset:
     """All quantities of a posterior or a prior, labelled."""
     values = quantities(prepared, draws, np.random.default_rng(seed))
     names = {"impact": prepared.impacts["impact"].tolist(), **prepared.design.levels()}
     return labelled(values, dimensions(prepared.design, prepared.data.record.errors), names)
+
+
+def decelerations(prepared: Prepared) -> np.ndarray:
+    """Recorded decelerations [impact, sample], NaN outside the contact."""
+    signal = prepared.signal
+    inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    return np.where(inside, signal.deceleration, np.nan)
+
+
+def residuals_of(prepared: Prepared, draws: Draws, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """`decelerations`, and replicated ones [draw, ...]."""
+    recorded, replicated = decelerations(prepared), predicted(prepared, draws, seed)["deceleration"]
+    return recorded, replicated.astype(float).reshape(-1, *recorded.shape)
+
+
+def rows_of(quantities: Mapping[str, tuple[np.ndarray, Any]]) -> pd.DataFrame:
+    """A row a quantity and impact, of draws [chain, draw, impact] or [chain, draw] and the truth [impact]."""
+    parts = []
+    for name, (draws, truth) in quantities.items():
+        flat = draws.reshape(draws.shape[0] * draws.shape[1], -1).astype(float)
+        quantiles = np.quantile(flat, list(QUANTILES.values()), axis=0)
+        columns = {"truth": truth, "mean": flat.mean(0), "sd": flat.std(0, ddof=1)}
+        columns |= dict(zip(QUANTILES, quantiles, strict=True))
+        parts.append(pd.DataFrame({"quantity": name} | columns))
+    return pd.concat(parts, ignore_index=True)
 
 
 def ends(values: xr.DataArray) -> np.ndarray:
@@ -87,21 +165,28 @@ def sides(intervals: Iterable[Interval]) -> dict[str, float]:
     return row
 
 
-def counted(name: str, row_of: Callable[[int], dict[str, Any]], studies: int) -> None:
+def held(truth: pd.DataFrame, found: pd.DataFrame, q: str) -> np.ndarray:
+    """Of each impact whether its interval by `estimate` holds K or C."""
+    low, high = (found[f"{q}_{end}_{UNITS[q]}"].to_numpy() for end in ("low", "high"))
+    return truth[f"{q}_{UNITS[q]}"].between(low, high).to_numpy()
+
+
+def counted(name: str, row_of: Callable[[int], dict[str, Any]], studies: int) -> pd.DataFrame:
     """Do studies that the piece ``name`` of the evidence lacks, and print the shares so far.
 
     Args:
         name: of the piece.
         row_of: of a study's number what is kept of it.
-        studies: in all, unless the command line says how many.
+        studies: in all, unless the command line says how many after the first word.
     """
-    runtime.configure()
-    with recorded(name) as record:
-        for number in record.missing(range(int(sys.argv[1]) if len(sys.argv) > 1 else studies)):
-            # What is compiled for many shapes takes more mapped memory than a process may have.
-            runtime.release_compiled()
-            record.add(number, [row_of(number)])
-        rows = record.piece.rows()
+
+    def released(number: int) -> dict[str, Any]:
+        # What is compiled for many shapes takes more mapped memory than a process may have.
+        runtime.release_compiled()
+        return row_of(number)
+
+    rows = measure(name, range(int(sys.argv[2]) if len(sys.argv) > 2 else studies), released)
     print(shares(rows).to_string(float_format="{:.3f}".format))
     others = rows.loc[:, [column for column in rows if "|" not in column and column != "unit"]]
     print(others.mean(numeric_only=True).to_string(float_format="{:.3f}".format))
+    return rows

@@ -5,6 +5,6 @@ what a script writes beside its result, `figures` makes tables and sentences of 
 these into the README and the manual. The command is `python -m evidence`; `make evidence` calls it.
 """
 
-from evidence.provenance import recorded
+from evidence.provenance import measure, recorded
 
-__all__ = ["recorded"]
+__all__ = ["measure", "recorded"]

@@ -36,7 +36,9 @@ def main() -> None:
     if asked.command == "check":
         sys.exit(check_numbers(asked.sets or list(SETS), accept=asked.accept))
     if asked.command == "status":
-        status()
+        for piece in pieces().values():
+            print(f"{piece.name:34} {state_of(piece).why}")
+        print(left([piece for piece in pieces().values() if state_of(piece).kind != "fresh"]))
     elif asked.command == "figures":
         for name, figure in figures().items():
             print(f"{name}: {'(table)' if figure.block else figure.text}")
@@ -52,13 +54,6 @@ def chosen(asked: list[str]) -> list[Piece]:
         names = ", ".join(dict.fromkeys(piece.family for piece in known))
         sys.exit(f"No evidence is called {', '.join(wrong)}. There are: {names}.")
     return [piece for piece in known if not asked or piece.name in asked or piece.family in asked]
-
-
-def status() -> None:
-    """Print the state of each piece."""
-    for piece in pieces().values():
-        print(f"{piece.name:34} {state_of(piece).why}")
-    print(left([piece for piece in pieces().values() if state_of(piece).kind != "fresh"]))
 
 
 if __name__ == "__main__":

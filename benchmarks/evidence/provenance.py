@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,8 @@ from evidence.references import digest_of
 from evidence.registry import BENCHMARKS, ROOT, Piece, pieces
 
 RESULTS = BENCHMARKS / "results"
-type Table = pd.DataFrame | Iterable[Mapping[str, Any]]
+# A row, or any number of them.
+type Table = Mapping[str, Any] | pd.DataFrame | Iterable[Mapping[str, Any]]
 PACKAGES = ("numpy", "scipy", "jax", "numpyro", "arviz")
 AS_CSV: Any = {"index": False, "float_format": "%.5g", "lineterminator": "\n"}
 # A variable that says how many units one call measures, for a trial.
@@ -65,7 +66,7 @@ class Record:
 
     def add(self, unit: object, rows: Table) -> None:
         """Add the rows of a unit, in one write; one that has none is there as a row of its own."""
-        frame = pd.DataFrame(rows)
+        frame = pd.DataFrame([rows] if isinstance(rows, Mapping) else rows)
         frame = (frame if len(frame) else pd.DataFrame([{}])).assign(unit=unit)
         self.path.parent.mkdir(exist_ok=True)
         columns = list(pd.read_csv(self.path, nrows=0)) if self.path.is_file() else []
@@ -80,6 +81,25 @@ class Record:
         """Take these rows as all that there are."""
         self.path.parent.mkdir(exist_ok=True)
         pd.DataFrame(rows).to_csv(self.path, **AS_CSV)
+
+
+def measure[Unit](
+    name: str, units: Mapping[str, Unit] | Iterable[Unit], rows_of: Callable[[Unit], Table]
+) -> pd.DataFrame:
+    """Measure the units of a piece that are not there yet; the rows of all that are.
+
+    Args:
+        name: of the piece in evidence.toml.
+        units: what is measured one after the other, by its name if it has one.
+        rows_of: of a unit its rows.
+    """
+    from bayestissue.base import runtime
+
+    runtime.configure()
+    with recorded(name) as record:
+        for unit in record.missing(units):
+            record.add(unit, rows_of(units[unit] if isinstance(units, Mapping) else unit))
+    return record.piece.rows()
 
 
 @contextmanager
@@ -98,10 +118,12 @@ def recorded(name: str) -> Iterator[Record]:
     about = {
         "piece": name,
         "command": piece.command_line,
-        **_commit(piece),
+        "commit": head(),
+        # Whether a part differs from it.
+        "dirty": bool(_git("status", "--porcelain", "--", *piece.parts())),
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
         "machine": machine(),
-        "versions": _versions(),
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
     }
     rests_on = {"references": references_of(piece), "parts": parts}
     if before is not None and all(before.get(key) == value for key, value in rests_on.items()):
@@ -129,9 +151,9 @@ def recorded(name: str) -> Iterator[Record]:
         yield record
     except BaseException:
         record.left = record.left or "interrupted"
-        write()
         raise
-    write()
+    finally:
+        write()
 
 
 def _processor_seconds() -> float:
@@ -154,8 +176,8 @@ def digest(rows: pd.DataFrame) -> str:
     """Of a piece's rows by their values, however they are written; empty without rows."""
     if rows.empty:
         return ""
-    told = [sorted((name, str(value)) for name, value in row.items() if not pd.isna(value)) for row in
-            rows.astype(object).map(_plain).to_dict("records")]  # fmt: skip
+    plain = rows.astype(object).map(_plain).to_dict("records")
+    told = [sorted((name, str(value)) for name, value in row.items() if not pd.isna(value)) for row in plain]
     return hashlib.sha256(repr(told).encode()).hexdigest()[:16]
 
 
@@ -171,21 +193,6 @@ def machine() -> str:
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return f"{models[0] if models else platform.machine()}, {usable} core{'s' * (usable != 1)}"
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "absent"
-    return found
-
-
-def _commit(piece: Piece) -> dict[str, Any]:
-    """The commit, and whether a part differs from it."""
-    return {"commit": head(), "dirty": bool(_git("status", "--porcelain", "--", *piece.parts()))}
 
 
 def head() -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from functools import cache, partial
 from html import unescape
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 
 from evidence.registry import BENCHMARKS
+from evidence.simulations import simulation, tables
 
 TABLE = BENCHMARKS / "references.csv"
 # Of a posterior standard deviation, or of the number itself where it has none: rounding, amplified by a fit.
@@ -28,34 +29,11 @@ ROUNDING = 1e-4
 # Over the Monte Carlo errors of two runs, of some hundred quantities at once and on average.
 MOST_ERRORS, MEAN_ERRORS = 5.0, 1.5
 CAMPAIGNS = 3
-# Of what a fit tells: of impacts, of the population, of repeatability, of a new person.
-QUANTITIES = {
-    *(
-        "K",
-        "C",
-        "intercept_K",
-        "mass_exponent_K",
-        "mass_exponent_C",
-        "sd_subject_K",
-        "sd_impact_K",
-        "sd_impact_C",
-    ),
-    *("ICC_C1_K", "SEM_chain_K", "K_new", "C_new", "K_side", "residual_correlation"),
-}
-# The same where a force tells the mass.
-OF_CHANNELS = QUANTITIES | {
-    *("mass", "mass_factor", "gain_factor", "moving_mass_kg", "K_trial", "energy_absorbed"),
-}
 # The error of a normal's 5 % or 95 % point over that of its mean, of its median, and of its deviation.
 OF_END, OF_MEDIAN, OF_SD = 2.11, 1.25, 0.71
-TISSUES: dict[str, dict[str, Any]] = {
-    "kelvin_voigt": {},
-    "maxwell": {"C_N_s_per_m": 120.0},
-    "standard_linear": {"K_N_per_m": 2000.0, "C_N_s_per_m": 30.0, "parameters": {"arm_ratio": 2.0}},
-    "stiffening": {"K_N_per_m": 2000.0, "parameters": {"stiffening_depth_m": 0.02}},
-    "hunt_crossley": {"C_N_s_per_m": 60.0},
-    "wall": {"K_N_per_m": 2000.0, "parameters": {"thickness_m": 0.04}},
-}
+TABLES = tables(__file__)
+TISSUES: dict[str, dict[str, Any]] = TABLES["tissues"]
+type Row = tuple[str, float, float, float]
 
 
 def tissue_of(element: str) -> dict[str, Any]:
@@ -65,48 +43,29 @@ def tissue_of(element: str) -> dict[str, Any]:
     return TISSUES.get(element) or {"parameters": {one.name: one.typical for one in named(element).extra}}
 
 
-def campaign(element: str, seed: int, force: dict[str, Any] | None = None) -> Any:
-    """Three people, both sides, three masses: 18 impacts at 5 kHz, of a ``force`` too if one is given."""
-    from bayestissue.studies.simulation import Simulation, simulate
+def varied_tissue(element: str) -> dict[str, Any]:
+    """The same, and the element by its name, of tissue whose further parameters vary by impact."""
+    content = {"element": element, **tissue_of(element)}
+    return content | ({"sd_impact_parameters": 0.05} if content.get("parameters") else {})
 
-    masses = {"a": (0.4, 1.5), "b": (0.7, 1.2), "c": (1.2, 0.9)}
-    tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "mass_exponent_K": 0.3, "element": element}
-    spreads = {
-        f"sd_{group}_{q}": 0.2 if group == "subject" else 0.05
-        for group in ("subject", "impact")
-        for q in "KC"
-    }
-    content = {
-        "name": "reference",
-        "seed": seed,
-        "design": {
-            "subjects": 3,
-            "conditions": [{"trial": t, "mass_kg": m, "velocity_m_s": v} for t, (m, v) in masses.items()],
-            "factors": [{"name": "side", "levels": ["left", "right"]}],
-        },
-        "tissue": tissue | spreads | tissue_of(element),
-        "recording": {
-            "sampling_rate_hz": 5000.0,
-            "before_contact_s": 0.005,
-            "noise_relative_to_peak": 0.005,
-            "offset_sd_m_s2": 0.2,
-            "relative_gain_sd": 0.005,
-            "velocity_sd_m_s": 0.005,
-            "relative_mass_sd": 0.002,
-            **({"force": force} if force else {}),
-        },
-    }
-    return simulate(Simulation.model_validate(content)).dataset("reference")
+
+def campaign(element: str, seed: int, force: str = "") -> Any:
+    """Three people, both sides, three masses: 18 impacts at 5 kHz, of a ``force`` too if one is named."""
+    from bayestissue.studies.simulation import simulate
+
+    own = {"tissue": {"element": element, **tissue_of(element)}}
+    recording = {"force": TABLES["forces"][force]} if force else {}
+    return simulate(simulation(TABLES["campaign"], own, recording=recording, seed=seed)).dataset("reference")
 
 
 def fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) -> pd.DataFrame:
     """Posteriors, and what the fit says against its model."""
     import bayestissue as bt
 
-    rows: list[tuple[str, float, float, float]] = []
+    rows: list[Row] = []
     for seed in range(1, campaigns + 1):
         fit = bt.fit(campaign(element, seed), model, K="log(mass_kg) + side + (1|subject)")
-        rows += _of_fit(fit, seed, QUANTITIES)
+        rows += _of_fit(fit, seed)
         if (model, seed) == ("impact", 1):
             rows += _shown(fit)
         for row in fit.ask("K[side=left] / K[side=right] > 1", "mass_exponent_K > 0.3").to_dict("records"):
@@ -114,21 +73,21 @@ def fits(model: str, element: str = "kelvin_voigt", campaigns: int = CAMPAIGNS) 
     return _table(rows)
 
 
-def _of_fit(fit: Any, seed: int, quantities: set[str]) -> Iterator[tuple[str, float, float, float]]:
+def _of_fit(fit: Any, seed: int, *groups: str) -> Iterator[Row]:
     """Posterior intervals, and what the fit says against its model."""
+    quantities = [name for group in ("all", *groups) for name in TABLES["quantities"][group]]
+    columns = {"median": ("median", OF_MEDIAN), "low": ("eti90_low", OF_END), "high": ("eti90_high", OF_END)}
     for row in fit.summary[fit.summary["variable"].isin(quantities)].to_dict("records"):
         name = f"{seed} {row['variable']} {row['label']}".rstrip()
-        sd, mcse = row["sd"], row["mcse_mean"]
-        yield f"{name} median", row["median"], sd, OF_MEDIAN * mcse
-        yield f"{name} low", row["eti90_low"], sd, OF_END * mcse
-        yield f"{name} high", row["eti90_high"], sd, OF_END * mcse
+        for which, (column, of_mean) in columns.items():
+            yield f"{name} {which}", row[column], row["sd"], of_mean * row["mcse_mean"]
     for key, value in fit.diagnostics.get("model_form", {}).get("impacts", {}).get("p", {}).items():
         yield f"{seed} residuals {key} p", value, 1.0, np.nan
     passed = fit.diagnostics.get("measuring_chain", {}).get("passed", True)
     yield f"{seed} chain passed", float(passed), 1.0, np.nan
 
 
-def _shown(fit: Any) -> Iterator[tuple[str, float, float, float]]:
+def _shown(fit: Any) -> Iterator[Row]:
     """K and C of impacts as the page of a fit has them over those of its summary, by heading with unit: 1."""
     with TemporaryDirectory() as folder:
         page = fit.report(Path(folder) / "page.html").read_text(encoding="utf-8")
@@ -149,35 +108,21 @@ def _shown(fit: Any) -> Iterator[tuple[str, float, float, float]]:
 _WITH_UNIT = re.compile(r"[KC] \(.+\)")
 
 
-def _force() -> Any:
-    """A load cell in the impactor, its masses known to 5 %."""
-    force = {"noise_relative_to_peak": 0.01, "relative_gain_sd": 0.01, "offset_sd_N": 0.3}
-    return _rough_masses(campaign("kelvin_voigt", 1, force))
-
-
-def _moving_mass() -> Any:
-    """Tissue that moves along, on a force plate."""
-    return campaign("moving_mass", 1, {"noise_relative_to_peak": 0.005, "place": "base"})
-
-
-def _rough_masses(dataset: Any) -> Any:
-    return dataset.with_settings(
-        uncertainty=dataset.uncertainty.model_copy(update={"relative_mass_sd": 0.05})
-    )
-
-
-def _of_channels(dataset: Callable[[], Any], model: str | None = None) -> pd.DataFrame:
-    """One fit of a dataset with two channels."""
+def _of_channels(force: str, element: str = "kelvin_voigt", model: str | None = None) -> pd.DataFrame:
+    """One fit with two channels; the masses beside a load cell are known to 5 %."""
     import bayestissue as bt
 
-    return _table(_of_fit(bt.fit(dataset(), model), 1, OF_CHANNELS))
+    dataset = campaign(element, 1, force)
+    declared = {"relative_mass_sd": 0.05} if force == "force" else {}
+    uncertainty = dataset.uncertainty.model_copy(update=declared)
+    return _table(_of_fit(bt.fit(dataset.with_settings(uncertainty=uncertainty), model), 1, "of_channels"))
 
 
 def _points() -> pd.DataFrame:
     """Each impact by itself, of every element: K and C with intervals by a spring and damper, and flags."""
     import bayestissue as bt
 
-    rows: list[tuple[str, float, float, float]] = []
+    rows: list[Row] = []
     for element in TISSUES:
         table = bt.estimate(campaign(element, 1))
         numbers = [name for name in table if name.startswith(("K_", "C_"))]
@@ -200,24 +145,20 @@ def _plan() -> pd.DataFrame:
     )
 
 
-def _table(rows: Iterable[tuple[str, float, float, float]]) -> pd.DataFrame:
+def _table(rows: Iterable[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["quantity", "value", "scale", "mcse"])
 
 
 # Long ones first, so that two workers end together.
 SETS: dict[str, Callable[[], pd.DataFrame]] = {
-    **{
-        name: lambda name=name: fits(name, name, campaigns=1)  # type: ignore[misc]
-        for name in reversed(TISSUES)
-        if name != "kelvin_voigt"
-    },
-    "moving_mass": lambda: _of_channels(_moving_mass, "moving_mass"),
-    "force": lambda: _of_channels(_force),
-    "impact": lambda: fits("impact"),
-    "arma": lambda: fits("arma"),
+    **{name: partial(fits, name, name, 1) for name in reversed(TISSUES) if name != "kelvin_voigt"},
+    "moving_mass": partial(_of_channels, *("moving_mass",) * 3),
+    "force": partial(_of_channels, "force"),
+    "impact": partial(fits, "impact"),
+    "arma": partial(fits, "arma"),
     "plan": _plan,
     "points": _points,
-    "a2": lambda: fits("a2", campaigns=1),
+    "a2": partial(fits, "a2", campaigns=1),
 }
 
 

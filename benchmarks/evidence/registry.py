@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -32,12 +33,12 @@ class Piece:
     # The table under benchmarks/ that has its raw results, and the one from which a stopped run goes on.
     result: str
     resumes: str
-    # The sets of references.csv whose numbers it rests on.
-    references: tuple[str, ...]
-    # What else it rests on: files and folders, from the root of the project, without the scripts.
+    # What it rests on, from the root of the project, without the scripts: files and folders.
     speaks_of: tuple[str, ...]
     # Processor minutes that it takes; of one that is measured alone, minutes of the clock.
     minutes: float
+    # The sets of references.csv whose numbers it rests on too.
+    references: tuple[str, ...] = ()
     alone: bool = False
     # Packages, and variables of the environment that name a folder, without which it can't be run.
     packages: tuple[str, ...] = ()
@@ -49,7 +50,7 @@ class Piece:
         return " ".join(self.command)
 
     def scripts(self) -> tuple[str, ...]:
-        """The script, and those of this folder that it imports."""
+        """The script, those of this folder that it imports, and the TOML files of their names."""
         return _with_imported(BENCHMARKS / Path(self.command[0]).name)
 
     def parts(self) -> tuple[str, ...]:
@@ -98,35 +99,31 @@ def of_family(family: str) -> list[Piece]:
     return [piece for piece in pieces().values() if piece.family == family]
 
 
-def _pieces(family: str, table: dict[str, Any]) -> list[Piece]:
-    made, parts = [], content()["parts"]
+def _pieces(family: str, table: dict[str, Any]) -> Iterator[Piece]:
+    parts = content()["parts"]
     for each in table.get("each", [""]):
         name = f"{family}-{each}" if each else family
-        result = table.get("result", f"results/{name}.csv")
-        named = [part for name in table.get("parts", ()) for part in parts.get(name, [name])]
-        made.append(
-            Piece(
-                name=name,
-                family=family,
-                asks=table["asks"],
-                command=tuple(table["command"].replace("{each}", each).split()),
-                each=each,
-                result=result,
-                resumes=table.get("resumes", result),
-                references=tuple(name.replace("{each}", each) for name in table.get("references", ())),
-                speaks_of=tuple(dict.fromkeys(part.replace("{each}", each) for part in named)),
-                minutes=table["minutes"],
-                alone=table.get("alone", False),
-                packages=tuple(table.get("packages", ())),
-                folders=tuple(table.get("folders", ())),
-            )
-        )
-    return made
+        own = {key: _with_each(value, each) for key, value in table.items()}
+        named = [part for name in own.pop("parts", ()) for part in parts.get(name, [name])]
+        own |= {
+            "each": each,
+            "command": tuple(own["command"].split()),
+            "speaks_of": tuple(dict.fromkeys(named)),
+        }
+        result = own.pop("result", f"results/{name}.csv")
+        yield Piece(name=name, family=family, **({"result": result, "resumes": result} | own))
+
+
+def _with_each(value: Any, each: str) -> Any:
+    if isinstance(value, list):
+        return tuple(_with_each(one, each) for one in value)
+    return value.replace("{each}", each) if isinstance(value, str) else value
 
 
 @cache
 def _with_imported(script: Path) -> tuple[str, ...]:
-    found = [script.relative_to(ROOT).as_posix()]
+    here = (script, script.with_suffix(".toml"))
+    found = [path.relative_to(ROOT).as_posix() for path in here if path.is_file()]
     for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
         names = [node.module] if isinstance(node, ast.ImportFrom) else []
         names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

@@ -51,19 +51,27 @@ def run_pieces(chosen: Iterable[Piece], *, again: bool = False) -> int:
     chosen = list(chosen)
     waiting = [piece for piece in chosen if again or state_of(piece).kind != "fresh"]
     here = sorted((piece for piece in waiting if not hindered(piece)), key=lambda piece: -piece.minutes)
-    print(
-        f"{len(chosen) - len(waiting)} of {len(chosen)} are of this version and not measured again.",
-        flush=True,
-    )
+    fresh = f"{len(chosen) - len(waiting)} of {len(chosen)}"
+    print(f"{fresh} are of this version and not measured again.", flush=True)
     if again:
         for piece in here:
             piece.forget()
-    progress, failed = _Progress(here), ["interrupted"]
+    to_do, lock, failed = list(here), threading.Lock(), ["interrupted"]
+
+    def measure(piece: Piece) -> str:
+        with lock:
+            to_do.remove(piece)
+            number, minutes = f"{len(here) - len(to_do)} of {len(here)}", minutes_of([piece, *to_do])
+        print(f"{piece.name}, {number}: {piece.asks}. All: {minutes:.0f} min left.", flush=True)
+        start = time.monotonic()
+        status = _run(piece)
+        words = f"failed with status {status}" if status else "measured"
+        print(f"{piece.name}: {words} in {(time.monotonic() - start) / 60:.1f} min", flush=True)
+        return piece.name if status else ""
+
     try:
         shared, alone = ([piece for piece in here if piece.alone is value] for value in (False, True))
-        failed = [
-            name for name in (*_in_lanes(progress.measure, shared), *map(progress.measure, alone)) if name
-        ]
+        failed = [name for name in (*_in_lanes(measure, shared), *map(measure, alone)) if name]
     except KeyboardInterrupt:
         print("stopped", flush=True)
     finally:
@@ -74,27 +82,6 @@ def run_pieces(chosen: Iterable[Piece], *, again: bool = False) -> int:
         print(f"{piece.name}: {hindered(piece) or state_of(piece).why}")
     print(left(remaining))
     return 1 if failed else 0
-
-
-class _Progress:
-    """Measures pieces, and says how far all are."""
-
-    def __init__(self, pieces: list[Piece]) -> None:
-        self._count, self._waiting, self._lock = len(pieces), list(pieces), threading.Lock()
-
-    def measure(self, piece: Piece) -> str:
-        """Measure one; its name where it failed."""
-        with self._lock:
-            self._waiting.remove(piece)
-            number, minutes = self._count - len(self._waiting), minutes_of([piece, *self._waiting])
-        print(
-            f"{piece.name}, {number} of {self._count}: {piece.asks}. All: {minutes:.0f} min left.", flush=True
-        )
-        start = time.monotonic()
-        status = _run(piece)
-        words = f"failed with status {status}" if status else "measured"
-        print(f"{piece.name}: {words} in {(time.monotonic() - start) / 60:.1f} min", flush=True)
-        return piece.name if status else ""
 
 
 def _in_lanes(measure: Callable[[Piece], str], pieces: list[Piece]) -> list[str]:

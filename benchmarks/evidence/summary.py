@@ -40,20 +40,11 @@ def figure(name: str) -> Figure:
 def _provenance() -> str:
     rows = []
     for piece in pieces().values():
-        record = read(piece) or {}
-        versions = record.get("versions", {})
-        rows.append(
-            {
-                "asked": piece.asks,
-                "NAME": f"`{piece.name}`",
-                "command": f"`{piece.command_line}`",
-                "date": record.get("date", ""),
-                "commit": _commit(record),
-                "machine": record.get("machine", ""),
-                "versions": ", ".join(f"{name} {number}" for name, number in versions.items()),
-                "took": _duration(record.get("seconds")),
-            }
-        )
+        record = {"date": "", "machine": "", **(read(piece) or {})}
+        row = {"asked": piece.asks, "NAME": f"`{piece.name}`", "command": f"`{piece.command_line}`"}
+        row |= {"date": record["date"], "commit": _commit(record), "machine": record["machine"]}
+        row["versions"] = ", ".join(f"{name} {number}" for name, number in record.get("versions", {}).items())
+        rows.append(row | {"took": _duration(record.get("seconds"))})
     return table(pd.DataFrame(rows), words=True)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -17,6 +18,8 @@ from evidence.registry import of_family
 
 # Of intervals, and the quantiles at their ends.
 LEVELS = {50: ("q25", "q75"), 90: ("q05", "q95")}
+# Of probabilities, in which claims are counted together.
+BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -32,25 +35,6 @@ class Figure:
 
 # A table, a text, or what stands in the sentence of that name in sentences.toml.
 Named = Iterator[tuple[str, pd.DataFrame | Figure | str | Mapping[str, Any]]]
-# What makes the figures of each family of pieces of its raw results, by its name.
-FAMILIES: dict[str, Callable[[pd.DataFrame], Named]] = {}
-
-
-def family(function: Callable[[pd.DataFrame], Named]) -> Callable[[pd.DataFrame], Named]:
-    """Let a function make the figures of the family that it is called after."""
-    FAMILIES[function.__name__] = function
-    return function
-
-
-def figures_of(family: str) -> Iterator[tuple[str, Figure]]:
-    """The figures of a family by name."""
-    for name, made in FAMILIES[family](raw(family)):
-        if isinstance(made, pd.DataFrame):
-            yield name, Figure(table(made), block=True)
-        elif isinstance(made, Figure):
-            yield name, made
-        else:
-            yield name, Figure(made if isinstance(made, str) else sentence(family, name, made))
 
 
 @cache
@@ -123,6 +107,28 @@ def known_error(error: pd.Series, share: float, count: pd.Series) -> pd.Series:
 def at_most(count: int, of: int) -> str:
     """Such as "0 of 80 (below 3.7 %)", the upper limit of the rate at 95 % (Clopper and Pearson)."""
     return f"{count} of {of} (below {percent(float(stats.beta.ppf(0.95, count + 1, of - count)))})"
+
+
+def claims(p: np.ndarray, true: np.ndarray) -> dict[str, float]:
+    """Of claims [study, claim] the mean probability and the share that is true; NaN where one does not count.
+
+    ``se`` is the standard error between studies of the share less the probability: claims of a study are not
+    independent.
+    """
+    count, off = int(np.isfinite(p).sum()), np.nansum(true - p, axis=1)
+    se = float(off.std(ddof=1) * np.sqrt(len(off)) / count)
+    return {"claims": count, "probability": float(np.nanmean(p)), "share": float(np.nanmean(true)), "se": se}
+
+
+def by_probability(p: np.ndarray, true: np.ndarray) -> pd.DataFrame:
+    """`claims` of like probability, a line each of `BINS` that has any: ``bin`` says from where to where."""
+    lines = []
+    for low, high in itertools.pairwise(BINS):
+        inside = (p >= low) & ((p < high) | (high == BINS[-1]))
+        if inside.any():
+            counted = claims(np.where(inside, p, np.nan), np.where(inside, true, np.nan))
+            lines.append({"bin": f"{low:g} to {high:g}", **counted})
+    return pd.DataFrame(lines)
 
 
 def coverage(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pandas as pd
 
-from evidence.texts import Named, binomial_error, family, of, with_error
-
-# Of probabilities, in which claims are counted together.
-BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
+from evidence.texts import Named, binomial_error, by_probability, of, percent, with_error
 
 
-@family
 def calibration_answers(rows: pd.DataFrame) -> Named:
     lines = shares(rows)
     own, shown = lines["which"] != "all", []
@@ -24,73 +18,53 @@ def calibration_answers(rows: pd.DataFrame) -> Named:
         row["held"] = with_error(pooled["held"], pooled["se"])[0]
         shown.append(row | {end: f"{one['held']:.1f} %, {one['which'].strip()}" for end, one in ends.items()})
     yield "intervals", pd.DataFrame(shown)
-    claims = lines[lines["kind"] == "claims of probability"]
-    bins = pd.DataFrame(
+    pairs = [rows.filter(regex=rf"\|{what}$").to_numpy(float) for what in ("p", "true")]
+    bins = by_probability(*pairs)
+    asked = pd.DataFrame(
         {
-            "claims of probability": claims["which"],
-            "claims": claims["answers"].astype(int),
-            "mean probability": claims["probability"].map("{:.1f} %".format),
-            "true": with_error(claims["true"] / 100, claims["se"] / 100),
+            "claims of probability": bins["bin"],
+            "claims": bins["claims"],
+            "mean probability": bins["probability"].map(percent),
+            "true": with_error(bins["share"], bins["se"]),
         }
     )
-    yield "claims", bins
+    yield "claims", asked
     prior = lines.dropna(subset="prior")
     error = 100 * binomial_error(prior["prior"] / 100, prior["studies"])
     yield "priors", {"claims": len(prior), "off": ((prior["true"] - prior["prior"]) / error).abs().max()}
     held = lines[own]["held"].dropna()
     said = {"studies": lines["studies"].max(), "intervals": len(held), "least": held.min()}
-    said |= {"most": held.max(), "mean": held.mean(), "sure": claims["true"].iloc[-2]}
+    said |= {"most": held.max(), "mean": held.mean(), "sure": 100 * bins["share"].iloc[-2]}
     yield "sentence", said
     yield "short", said
 
 
 def shares(found: pd.DataFrame) -> pd.DataFrame:
-    """A row a quantity, and one for claims of like probability; shares and probabilities in percent.
+    """A row an answer, and one for all of a kind; shares and probabilities in percent.
 
-    ``held`` is the share of 90 % intervals that hold the truth; ``probability`` is the mean one of a claim,
-    ``true`` the share of it that is true, and ``prior`` its mean prior probability. ``se`` is the standard
-    error of ``held`` or ``true`` between studies, whose claims and intervals are not independent.
+    ``held`` is the share of 90 % intervals that hold the truth and ``se`` its standard error between studies,
+    whose intervals are not independent; ``true`` is the share of studies in which a claim is true, and
+    ``prior`` its mean prior probability.
     """
     by_kind: dict[str, list[str]] = {}
     lines = []
-    for column in found.columns.drop(["unit", "data_set", "rhat", "each"]):
+    for column in found.filter(regex=r"\|(?:interval|prior)$"):
         kind, which, what = column.split("|")
         if what == "interval":
             by_kind.setdefault(kind, []).append(column)
             lines.append({"kind": kind, "which": which, **_held(found[[column]])})
-        elif what == "p":
-            of_prior = found.get(f"{kind}|{which}|prior")
-            prior = {} if of_prior is None else {"prior": 100 * of_prior.mean()}
-            told = _true(found[[column]].to_numpy(), found[[f"{kind}|{which}|true"]].to_numpy())
-            lines.append({"kind": kind, "which": which, **told, **prior})
+        else:
+            means = {what: 100 * found[f"{kind}|{which}|{what}"].mean() for what in ("prior", "true")}
+            lines.append({"kind": kind, "which": which, **means})
     lines += [{"kind": kind, "which": "all", **_held(found[own])} for kind, own in by_kind.items()]
-    names = [column[:-2] for column in found.columns if column.endswith("|p")]
-    p, true = (found[[f"{name}|{what}" for name in names]].to_numpy() for what in ("p", "true"))
-    for low, high in itertools.pairwise(BINS):
-        inside = (p >= low) & ((p < high) | (high == BINS[-1]))
-        told = _true(np.where(inside, p, np.nan), np.where(inside, true, np.nan))
-        lines.append({"kind": "claims of probability", "which": f"{low:g} to {high:g}", **told})
     return pd.DataFrame(lines).assign(studies=len(found)).round(2)
 
 
 def _held(sides: pd.DataFrame) -> dict[str, float]:
     held = (sides == 0).mean(axis=1)
-    return {"held": 100 * held.mean(), "se": 100 * held.sem(), "answers": sides.size}
+    return {"held": 100 * held.mean(), "se": 100 * held.sem()}
 
 
-def _true(p: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Of claims by study, NaN where a claim does not count."""
-    count = int(np.isfinite(p).sum())
-    off = np.nansum(true - p, axis=1)
-    return {
-        "probability": 100 * float(np.nanmean(p)),
-        "true": 100 * float(np.nanmean(true)),
-        "se": 100 * float(off.std(ddof=1) * np.sqrt(len(off)) / count),
-        "answers": count,
-    }
-
-
-@family
 def plan_assurance(rows: pd.DataFrame) -> Named:
     by_plan, studies = rows[rows["share"].notna()], rows[rows["study"].notna()]
     p, true, level = studies["posterior"], studies["truth"].astype(bool), by_plan["probability"].iloc[0]
@@ -124,7 +98,6 @@ def plan_assurance(rows: pd.DataFrame) -> Named:
     yield "short", said
 
 
-@family
 def plan_after(rows: pd.DataFrame) -> Named:
     ways = {"thesis": "in the thesis's order of masses", "plan": "by the plan"}
     lines = rows.set_index("way").loc[[*ways]]

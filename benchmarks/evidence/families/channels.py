@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from evidence.families.outcomes import LEVEL, shares
-from evidence.texts import Named, family, known_error, sentence, wide, with_error
+from evidence.texts import Named, known_error, sentence, wide, with_error
 
 # Declared masses that are wrong by more are wrong beyond what is declared; by less, hardly.
 FAR, NEAR = 0.05, 0.01
@@ -32,7 +32,6 @@ def named(rows: pd.DataFrame) -> str:
     return sentence("coverage_channels", "named", said)
 
 
-@family
 def coverage_channels(rows: pd.DataFrame) -> Named:
     together = []
     for kind, part in rows.groupby("each", sort=False):
@@ -48,6 +47,5 @@ def coverage_channels(rows: pd.DataFrame) -> Named:
     yield "short", {"within": within, "shares": len(lines)}
 
 
-@family
 def coverage_phantoms(rows: pd.DataFrame) -> Named:
     yield "table", shown(counted(rows))

@@ -11,7 +11,6 @@ from evidence.texts import (
     coverage,
     coverage_table,
     ends,
-    family,
     of,
     percent,
     range_of_shares,
@@ -19,7 +18,6 @@ from evidence.texts import (
 )
 
 
-@family
 def coverage_elements(rows: pd.DataFrame) -> Named:
     lines = coverage(rows, ["each", "quantity"])
     exponent = lines["quantity"].str.startswith("mass_exponent")
@@ -49,7 +47,6 @@ def compared(rows: pd.DataFrame, ending: str = "") -> pd.DataFrame:
     return table.assign(campaigns=pd.Series(campaigns), weight=pd.Series(weights).round(3))
 
 
-@family
 def compare_elements(rows: pd.DataFrame) -> Named:
     lines, by_person = compared(rows), compared(rows, "_people").loc["all"]
     shown = pd.DataFrame(
@@ -78,7 +75,6 @@ _DEPTHS = {
 }
 
 
-@family
 def common_depth(rows: pd.DataFrame) -> Named:
     """In how many campaigns an interval of 90 % holds 0, the truth."""
     lines = coverage(rows[rows["passed"].astype(bool)], ["each", "quantity"])
@@ -93,13 +89,11 @@ def common_depth(rows: pd.DataFrame) -> Named:
         yield name, ends(own["share"]) | {"share": share, "campaigns": campaigns}
 
 
-@family
 def common_depth_on_ball(rows: pd.DataFrame) -> Named:
     given = "an" if "mass_exponent_K_common_depth" in set(rows["quantity"]) else "no"
     yield "sentence", {"given": given, "campaigns": rows["unit"].nunique()}
 
 
-@family
 def sound_fits(rows: pd.DataFrame) -> Named:
     alone = rows["unit"] < 0
     sets, one = rows[~alone], rows[alone].iloc[0]
@@ -121,7 +115,6 @@ def sound_fits(rows: pd.DataFrame) -> Named:
     yield "sentence", said | {"error": 100 * binomial_error(below, one["impacts"])}
 
 
-@family
 def model_form(rows: pd.DataFrame) -> Named:
     from bayestissue.inference.checking.model_form import LIMIT
 

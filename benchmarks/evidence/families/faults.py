@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pandas as pd
 
-from evidence.texts import Named, at_most, family, percent, wide
+from evidence.texts import Named, at_most, percent, wide
 
 
-@family
 def measuring_chain(rows: pd.DataFrame) -> Named:
     groups = rows.groupby(["likelihood", "spoilt"], sort=False)["alarm"]
     lines = pd.DataFrame({"alarms": groups.sum(), "sets": groups.size()}).reset_index()
@@ -22,7 +21,6 @@ def measuring_chain(rows: pd.DataFrame) -> Named:
     yield "sentence", said | {"false_alarms": false_alarms}
 
 
-@family
 def spoilt_impacts(rows: pd.DataFrame) -> Named:
     caught = rows["off_and_flagged"] / rows["off"]
     shown = pd.DataFrame(
@@ -51,13 +49,11 @@ def spoilt_impacts(rows: pd.DataFrame) -> Named:
     yield "short", said
 
 
-@family
 def damaged_files(rows: pd.DataFrame) -> Named:
     good, bad = (int(rows[f"examples_{end}"].sum()) for end in ("passed", "failed"))
     passed = (rows["state"] == "passed").sum()
     yield "sentence", {"passed": passed, "kinds": len(rows), "bad": bad, "files": good + bad}
 
 
-@family
 def kills(rows: pd.DataFrame) -> Named:
     yield "sentence", {"had": "had" if (rows["state"] == "passed").all() else "did not all have"}

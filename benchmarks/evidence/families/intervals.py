@@ -14,7 +14,6 @@ from evidence.texts import (
     coverage,
     coverage_table,
     ends,
-    family,
     percent,
     power_of_ten,
     sentence,
@@ -28,7 +27,6 @@ _MOST = 0.5
 RANKS, BINS = DRAWS + 1, 20
 
 
-@family
 def exactness(rows: pd.DataFrame) -> Named:
     difference = rows["largest_difference"]
     sizes = difference.map(power_of_ten) + " " + rows["relative_to"]
@@ -38,7 +36,6 @@ def exactness(rows: pd.DataFrame) -> Named:
     yield "sentence", {name: power_of_ten(each.max()) for name, each in of.items()}
 
 
-@family
 def coverage_fit(rows: pd.DataFrame) -> Named:
     lines = coverage(rows, ["each", "quantity"])
     names = lines["each"] + "_" + lines["quantity"] + "_" + lines["level"].astype(str)
@@ -54,7 +51,6 @@ def coverage_fit(rows: pd.DataFrame) -> Named:
     yield "readme", held
 
 
-@family
 def coverage_point(rows: pd.DataFrame) -> Named:
     shown, enough = rows[["unit", "impacts"]].rename(columns={"unit": "noise"}), []
     for q in "KC":
@@ -67,7 +63,6 @@ def coverage_point(rows: pd.DataFrame) -> Named:
     yield "range", ends(pd.concat(enough))
 
 
-@family
 def drops(rows: pd.DataFrame) -> Named:
     share = {q: rows[f"{q}_held"] / rows["impacts"] for q in "KC"}
     shown = rows[["unit", "impacts"]].rename(columns={"unit": "drops"})
@@ -85,7 +80,6 @@ def drops(rows: pd.DataFrame) -> Named:
     )
 
 
-@family
 def many_impacts(rows: pd.DataFrame) -> Named:
     row = rows.iloc[0]
     held = {q: 100 * row[f"{q}_held_90"] / row["impacts"] for q in "KC"}
@@ -98,7 +92,6 @@ def spread(u: np.ndarray) -> tuple[float, float]:
     return float(np.sqrt(square.mean())), float(square.std(ddof=1) / np.sqrt(len(square)) / 2)
 
 
-@family
 def calibration(rows: pd.DataFrame) -> Named:
     cells, said, every = {}, [], []
     for each, part in rows.groupby("each", sort=False):
@@ -121,7 +114,6 @@ def calibration(rows: pd.DataFrame) -> Named:
     yield "sentence", {"small": small, "tests": len(every), "expected": 0.01 * len(every)}
 
 
-@family
 def posteriors(rows: pd.DataFrame) -> Named:
     z = rows["difference"] / rows["mcse"]
     rows = rows.assign(square=z**2, apart=z.abs(), off=(rows["difference"] / rows["sd"]).abs())
@@ -141,7 +133,6 @@ def posteriors(rows: pd.DataFrame) -> Named:
     yield "short", said
 
 
-@family
 def recorder(rows: pd.DataFrame) -> Named:
     counts = ["impacts", "K held", "C held", "suspected"]
     shown = rows.drop(columns=["unit", "each"]).astype(dict.fromkeys(counts, "Int64"))
@@ -162,7 +153,6 @@ def recorder(rows: pd.DataFrame) -> Named:
     )
 
 
-@family
 def recordings(rows: pd.DataFrame) -> Named:
     columns = {"unit": "recordings", "recorded": "recorded", "impacts": "impacts", "left_out": "left out"}
     p = rows["below"].astype(str) + " of " + rows["tested"].astype(str)

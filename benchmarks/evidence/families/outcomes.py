@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
+from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
-from evidence.texts import Figure, Named, binomial_error, family, wide, with_error
+from evidence.texts import Figure, Named, binomial_error, by_probability, percent, wide, with_error
 
-# Of probabilities of being best, in which levels are counted together.
-BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 CHOSEN = "best "
 LEVEL = 0.9
-# Of the diagram, in pixels: its side, and what stands left and below.
-_SIDE, _MARGIN = 240, 46
+# Of the diagram of diagram.html, in pixels: its side, and where it begins.
+_SIDE, _LEFT, _TOP = 240, 46, 10
 
 
 def shares(found: pd.DataFrame) -> pd.DataFrame:
@@ -38,60 +35,28 @@ def shares(found: pd.DataFrame) -> pd.DataFrame:
 
 
 def reliability(found: pd.DataFrame) -> pd.DataFrame:
-    """Of levels of like probability of being best the mean one, and the share that are.
-
-    ``se`` is the standard error between studies of the share less the probability: probabilities of a study
-    add up to 1.
-    """
+    """Of levels of like probability of being best the mean one, and the share that are."""
     stems = found.filter(regex=rf"^{CHOSEN}.*\|p$").columns.str.removesuffix("|p")
-    p, true = (found[[f"{stem}|{what}" for stem in stems]].to_numpy(float) for what in ("p", "true"))
-    lines = []
-    for low, high in itertools.pairwise(BINS):
-        inside = (p >= low) & ((p < high) | (high == BINS[-1]))
-        count, off = inside.sum(), np.where(inside, true - p, 0.0).sum(axis=1)
-        if count:
-            se = float(off.std(ddof=1) * np.sqrt(len(off)) / count)
-            means = {"probability": p[inside].mean(), "share": true[inside].mean(), "se": se}
-            lines.append({"from": low, "to": high, "levels": count, **means})
-    return pd.DataFrame(lines)
+    return by_probability(
+        *(found[[f"{stem}|{what}" for stem in stems]].to_numpy(float) for what in ("p", "true"))
+    )
 
 
 def diagram(lines: pd.DataFrame) -> str:
     """The share that is best over the probability of it, with a standard error either way, as a picture."""
-
-    def x(p: float) -> str:
-        return f"{_MARGIN + _SIDE * p:.1f}"
-
-    def y(share: float) -> str:
-        return f"{10 + _SIDE * (1 - min(max(share, 0.0), 1.0)):.1f}"
-
-    drawn = [
-        f'<line x1="{x(0)}" y1="{y(0)}" x2="{x(1)}" y2="{y(1)}" stroke="#6b7280" stroke-dasharray="4 3"/>',
-        f'<path d="M{x(0)} {y(1)}V{y(0)}H{x(1)}" fill="none" stroke="currentColor"/>',
-    ]
-    for tick in (0.0, 0.5, 1.0):
-        drawn += [
-            f'<text x="{x(tick)}" y="{10 + _SIDE + 16}" text-anchor="middle">{tick:.0%}</text>',
-            f'<text x="{_MARGIN - 5}" y="{y(tick)}" dy="4" text-anchor="end">{tick:.0%}</text>',
-        ]
-    for line in lines.itertuples():
-        at, low, high = x(line.probability), y(line.share - line.se), y(line.share + line.se)
-        drawn += [
-            f'<path d="M{at} {low}V{high}" stroke="#1f5f99"/>',
-            f'<circle cx="{at}" cy="{y(line.share)}" r="4" fill="#1f5f99"/>',
-        ]
-    middle = _MARGIN + _SIDE / 2
-    drawn.append(
-        f'<text x="{middle}" y="{10 + _SIDE + 34}" text-anchor="middle">probability of being best</text>'
-    )
-    label = 'role="img" aria-label="share that is best over its probability"'
-    size = f'width="{_MARGIN + _SIDE + 20}" height="{_SIDE + 52}" font-size="12" fill="currentColor"'
-    caption = "The share of levels that are best over the probability of it, with its standard error."
-    inner = "\n".join([f"<svg {label} {size}>", *drawn, "</svg>", f"<figcaption>{caption}</figcaption>"])
-    return f"<figure>\n{inner}\n</figure>"
+    points = []
+    for x, share, se in lines[["probability", "share", "se"]].to_numpy():
+        at = f"{_LEFT + _SIDE * x:.1f}"
+        low, y, high = (
+            f"{_TOP + _SIDE * (1 - min(max(value, 0.0), 1.0)):.1f}"
+            for value in (share - se, share, share + se)
+        )
+        points += [f'<path d="M{at} {low}V{high}" stroke="#1f5f99"/>']
+        points += [f'<circle cx="{at}" cy="{y}" r="4" fill="#1f5f99"/>']
+    picture = Path(__file__).with_name("diagram.html").read_text(encoding="utf-8")
+    return picture.rstrip("\n").format(points="\n".join(points))
 
 
-@family
 def outcome_coverage(rows: pd.DataFrame) -> Named:
     parts = [shares(part).assign(element=element) for element, part in rows.groupby("each", sort=False)]
     lines = pd.concat([*parts, shares(rows).assign(element="all")])
@@ -108,12 +73,12 @@ def outcome_coverage(rows: pd.DataFrame) -> Named:
     yield "short", said
     bins = reliability(rows)
     yield "diagram", Figure(diagram(bins), block=True)
-    claims = pd.DataFrame(
+    best = pd.DataFrame(
         {
-            "probability of being best": [f"{one['from']:g} to {one['to']:g}" for _, one in bins.iterrows()],
-            "levels": bins["levels"],
-            "mean probability": bins["probability"].map("{:.1%}".format).str.replace("%", " %"),
+            "probability of being best": bins["bin"],
+            "levels": bins["claims"],
+            "mean probability": bins["probability"].map(percent),
             "best": with_error(bins["share"], bins["se"]),
         }
     )
-    yield "best", claims
+    yield "best", best

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from evidence.texts import Named, family, percent, power_of_ten
+from evidence.texts import Named, percent, power_of_ten
 
 # Of itself a number that is printed to ten digits or more may be off by less than this.
 _EXACT = 1e-9
@@ -12,7 +12,6 @@ _EXACT = 1e-9
 _LARGE = 0.05
 
 
-@family
 def published(rows: pd.DataFrame) -> Named:
     size = rows["difference"].abs()
     share = size / rows["allowed"]
@@ -32,7 +31,6 @@ def published(rows: pd.DataFrame) -> Named:
     yield "short", said
 
 
-@family
 def laws(rows: pd.DataFrame) -> Named:
     # A test without drawn cases is one case.
     cases = rows["examples_passed"].fillna(1).sum() + rows["examples_failed"].fillna(0).sum()
@@ -40,14 +38,12 @@ def laws(rows: pd.DataFrame) -> Named:
     yield "sentence", {"tests": len(rows), "failed": failed, "cases": int(cases)}
 
 
-@family
 def selftest(rows: pd.DataFrame) -> Named:
     row = rows.assign(passed=rows["checks"] - rows["failed"]).iloc[0]
     yield "sentence", row
     yield "short", row
 
 
-@family
 def certificate(rows: pd.DataFrame) -> Named:
     first, lines = rows.iloc[0], rows.set_index("quantity")
     held = {q: lines.loc[f"{q} of drawn impacts", ["held", "held_se"]].map(percent) for q in "KC"}

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pandas as pd
 
-from evidence.texts import Named, family, wide
+from evidence.texts import Named, wide
 
 
-@family
 def likelihood(rows: pd.DataFrame) -> Named:
     ours = rows[rows["contender"] == "bayestissue"].set_index("unit")["ms"]
     times = rows["ms"] / rows["unit"].map(ours)
@@ -20,7 +19,6 @@ def likelihood(rows: pd.DataFrame) -> Named:
     yield "sentence", {"least": others.min(), "most": others.max(), "scan": scan}
 
 
-@family
 def fit_efficiency(rows: pd.DataFrame) -> Named:
     shown = pd.DataFrame(
         {
@@ -39,13 +37,11 @@ def fit_efficiency(rows: pd.DataFrame) -> Named:
     yield "sentence", {"times": ours / rate[rate.index.str.contains("plain model")].max()}
 
 
-@family
 def trace_likelihood(rows: pd.DataFrame) -> Named:
     shown = rows.drop(columns="each").set_index("likelihood").map("{:.3g}".format)
     yield "table", shown.rename(columns="{} [ms]".format).reset_index()
 
 
-@family
 def fit_time(rows: pd.DataFrame) -> Named:
     columns = {"first_s": "first [s]", "again_s": "again [s]", "other_s": "other dataset [s]"}
     columns |= {"r_hat": "R-hat", "ess": "least ESS"}
@@ -60,12 +56,10 @@ def fit_time(rows: pd.DataFrame) -> Named:
     yield "readme", seconds
 
 
-@family
 def reproduce_time(rows: pd.DataFrame) -> Named:
     yield from rows.set_index("run")["s"].map("{:.0f} s".format).items()
 
 
-@family
 def bench_latency(rows: pd.DataFrame) -> Named:
     medians = rows.groupby("at")[["s", "work_s"]].median()
     ((first, early), (last, late)) = medians["s"].iloc[[0, -1]].items()
