@@ -17,15 +17,25 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "benchmarks"))
-from evidence import figures, fingerprint, pages, provenance, references, registry, running, status, texts  # noqa: E402
-from evidence.families import intervals, outcomes  # noqa: E402
-from evidence.registry import Piece  # noqa: E402
-from evidence.summary import figure  # noqa: E402
-from evidence.texts import Figure  # noqa: E402
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from evidence import (
+    figures,
+    fingerprint,
+    pages,
+    provenance,
+    references,
+    registry,
+    running,
+    simulations,
+    status,
+    texts,
+)
+from evidence.families import intervals, outcomes
+from evidence.registry import ROOT, Piece
+from evidence.summary import figure
+from evidence.texts import Figure
 
-from bayestissue.recordings.signal import displacements  # noqa: E402
+from bayestissue.recordings.signal import displacements
 
 PIECES = list(registry.pieces().values())
 # What every script may use without speaking of it: where things lie, and how numbers are held.
@@ -144,11 +154,13 @@ def state(piece: Piece) -> status.State:
 
 def measure(*numbers: int, of: int = 1) -> None:
     """Units of the piece, of which these are taken."""
-    with provenance.recorded("piece") as record:
-        for unit in record.missing(range(of)):
-            if unit not in numbers:
-                raise KeyboardInterrupt
-            record.add(unit, [{"value": 1.5 * unit}, {"value": 7}])
+
+    def rows_of(unit: int) -> list[dict[str, float]]:
+        if unit not in numbers:
+            raise KeyboardInterrupt
+        return [{"value": 1.5 * unit}, {"value": 7}]
+
+    provenance.measure("piece", range(of), rows_of)
 
 
 def test_a_script_writes_where_its_result_comes_from(piece):
@@ -392,6 +404,20 @@ def test_rows_are_the_same_however_they_are_written(piece, tmp_path):
     before = provenance.digest(piece.rows())
     (tmp_path / "table.csv").write_text("value,unit,more\n0.0,0,\n7.0,0,\n")
     assert provenance.digest(piece.rows()) == before
+
+
+def test_tables_of_a_simulation_change_those_before_them_at_any_depth():
+    table = {
+        "name": "a",
+        "spreads": {"subject": 0.2},
+        "design": {"subjects": 3, "conditions": [("t1", 0.7, 1.5)]},
+    }
+    tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, **simulations.by_response(mass_exponent=(0.5, 0.3))}
+    made = simulations.simulation(table, {"tissue": tissue, "design": {"subjects": 2}}, seed=4)
+    assert (made.name, made.seed, made.design.subjects) == ("a", 4, 2)
+    assert made.design.conditions[0].mass_and_velocity() == (0.7, 1.5)
+    assert (made.tissue.mass_exponent_C, made.tissue.sd_subject_K, made.tissue.sd_trial_K) == (0.3, 0.2, 0.0)
+    assert table["design"]["subjects"] == 3
 
 
 @pytest.mark.slow
