@@ -12,21 +12,20 @@ was recorded.
 
 Both ways have the same traces of the same people. Traces are simulated sample by sample, and what each tells
 of K and C is found by the engine. A look's posterior is the planner's, of these sites, rather than a fit's
-that takes seconds: of the first studies `bt.fit` is asked as well where the study ended, and the greatest
-difference is in the table. A study goes to plan_after_studies.csv as soon as it has ended both ways, and
-those there are not made again; the summary goes to plan_after.csv.
+that takes seconds: of the first studies `bt.fit` is asked as well where the study ended. A row a study and
+way has how many drops it took, the answer and its probability.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from evidence import recorded
+from evidence import measure
+from evidence.registry import ROOT
 from evidence.simulations import simulation
 from plan_assurance import tissue_of
 
@@ -47,9 +46,6 @@ from bayestissue.studies.planning.studies import arrangements
 from bayestissue.studies.planning.study_posterior import PlannedSites, posteriors
 from bayestissue.studies.simulation import simulate
 
-ROOT = Path(__file__).parents[1]
-TABLE = ROOT / "benchmarks" / "plan_after.csv"
-STUDIES = ROOT / "benchmarks" / "plan_after_studies.csv"
 NUMBER, FITTED = 24, 6
 PEOPLE, BEGUN, TWICE = 5, 2, 2
 FORMULA = dict.fromkeys("KC", "log(mass_kg) + (1|subject) + (1|trial)")
@@ -174,51 +170,16 @@ def rows_of(number: int) -> pd.DataFrame:
     study, rows = study_of(number), []
     for way in WAYS:
         order, p = carried_on(study, way)
-        row = {"study": number, "way": way, "drops": PEOPLE * len(order)}
+        row = {"way": way, "drops": PEOPLE * len(order)}
         row |= {"answer": "yes" if p > SURE else "no" if p < 1 - SURE else "", "posterior": p}
         row["by_fit"] = by_fit(study, order) if number < FITTED else np.nan
         rows.append(row | {"exponent": study.exponent, "order": " ".join(order)})
     return pd.DataFrame(rows)
 
 
-def summary(studies: pd.DataFrame) -> pd.DataFrame:
-    """A row each way, and the saving of the second with its standard error, paired by study."""
-    true = (studies["exponent"] < float(QUESTION.rpartition("<")[2])).map({True: "yes", False: "no"})
-    answered = studies["answer"].ne("")
-    studies = studies.assign(
-        answered=answered,
-        wrong=answered & studies["answer"].ne(true),
-        off=(studies["by_fit"] - studies["posterior"]).abs(),
-    )
-    drops = studies.pivot_table(index="study", columns="way", values="drops")
-    saved, both = drops["thesis"] - drops["plan"], studies.groupby("study")["answered"].all()
-    rows = studies.groupby("way").agg(
-        studies=("drops", "size"),
-        drops=("drops", "mean"),
-        drops_se=("drops", "sem"),
-        answered=("answered", "sum"),
-        wrong=("wrong", "sum"),
-        fits=("by_fit", "count"),
-        largest_difference=("off", "max"),
-    )
-    saving = {"saving": saved.mean(), "saving_se": saved.sem(), "of_both_answered": both.sum()}
-    saving |= {"saving_of_those": saved[both].mean(), "saving_of_those_se": saved[both].sem()}
-    return rows.loc[[*WAYS]].assign(**saving).reset_index()
-
-
 def main() -> None:
-    """Make what is missing, and the summary."""
-    runtime.configure()
     runtime.keep_compiled()
-    with recorded("plan_after"):
-        known = set(pd.read_csv(STUDIES)["study"]) if STUDIES.exists() else set()
-        for number in sorted(set(range(NUMBER)) - known):
-            table = rows_of(number)
-            table.to_csv(STUDIES, mode="a", header=not STUDIES.exists(), index=False)
-            print(table.drop(columns=["study"]).to_string(index=False, header=False), flush=True)
-        rows = summary(pd.read_csv(STUDIES, keep_default_na=False, na_values={"by_fit": ""}))
-        rows.to_csv(TABLE, index=False, float_format="%.4g")
-    print(rows.to_string(index=False))
+    measure("plan_after", range(NUMBER), rows_of)
 
 
 if __name__ == "__main__":

@@ -135,13 +135,12 @@ def piece(tmp_path, monkeypatch) -> Piece:
     """A piece of one part in a project of its own."""
     (tmp_path / "part.py").write_text("A = 1\n")
     (tmp_path / "script.py").write_text("")
+    (tmp_path / "results").mkdir()
     for module in (registry, provenance, status):
         monkeypatch.setattr(module, "ROOT", tmp_path)
-    for module in (registry, provenance):
-        monkeypatch.setattr(module, "BENCHMARKS", tmp_path)
-    monkeypatch.setattr(provenance, "RESULTS", tmp_path / "results")
+    monkeypatch.setattr(registry, "BENCHMARKS", tmp_path)
     command = ("benchmarks/script.py", "a")
-    made = Piece("piece", "piece", "", command, "", "table.csv", "table.csv", ("part.py",), 1)
+    made = Piece("piece", "piece", "", command, "", ("part.py",), 1)
     monkeypatch.setattr(provenance, "pieces", lambda: {"piece": made})
     monkeypatch.setattr(running, "fill_pages", list)
     return made
@@ -190,12 +189,12 @@ def test_a_changed_part_and_a_changed_result_are_told(piece, tmp_path):
     (tmp_path / "part.py").write_text("A = 2\n")
     assert state(piece) == status.State("stale", "changed since: part.py")
     (tmp_path / "part.py").write_text("A = 1\n")
-    (tmp_path / "table.csv").write_text("unit,value\n0,2\n")
+    piece.path.write_text("unit,value\n0,2\n")
     assert "not those that it wrote" in state(piece).why
 
 
 def test_a_result_without_provenance_is_not_measured(piece, tmp_path):
-    (tmp_path / "table.csv").write_text("unit,value\n0,2\n")
+    piece.path.write_text("unit,value\n0,2\n")
     assert state(piece).kind == "missing"
 
 
@@ -336,8 +335,8 @@ def test_what_is_fresh_is_not_run_again_and_what_is_left_is_said(piece, run, cap
 
 def test_a_failure_keeps_no_other_from_being_run_and_timed_ones_come_last(piece, run, capsys, monkeypatch):
     monkeypatch.setattr(running, "LANES", 1)
-    long = replace(piece, name="long", minutes=5, result="other.csv")
-    timed = replace(piece, name="timed", minutes=9, alone=True, result="timed.csv")
+    long = replace(piece, name="long", minutes=5)
+    timed = replace(piece, name="timed", minutes=9, alone=True)
     named = {"timed": lambda: 0, "long": lambda: 0, "piece": lambda: 3}
     assert run(timed, piece, long, **named) == (1, ["long", "piece", "timed"])
     said = capsys.readouterr().out
@@ -402,7 +401,7 @@ def test_examples_that_hypothesis_drew_are_counted(tmp_path):
 def test_rows_are_the_same_however_they_are_written(piece, tmp_path):
     measure(0)
     before = provenance.digest(piece.rows())
-    (tmp_path / "table.csv").write_text("value,unit,more\n0.0,0,\n7.0,0,\n")
+    piece.path.write_text("value,unit,more\n0.0,0,\n7.0,0,\n")
     assert provenance.digest(piece.rows()) == before
 
 

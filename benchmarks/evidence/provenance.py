@@ -20,9 +20,8 @@ import pandas as pd
 
 from evidence.fingerprint import changed, of_parts
 from evidence.references import digest_of
-from evidence.registry import BENCHMARKS, ROOT, Piece, pieces
+from evidence.registry import ROOT, Piece, pieces
 
-RESULTS = BENCHMARKS / "results"
 # A row, or any number of them.
 type Table = Mapping[str, Any] | pd.DataFrame | Iterable[Mapping[str, Any]]
 PACKAGES = ("numpy", "scipy", "jax", "numpyro", "arviz")
@@ -42,11 +41,6 @@ class Record:
     keep: Callable[[], None]
     # What is left to do, in words; empty when all is measured.
     left: str = ""
-
-    @property
-    def path(self) -> Path:
-        """Of its table."""
-        return BENCHMARKS / self.piece.result
 
     def missing[Unit](self, units: Iterable[Unit]) -> Iterator[Unit]:
         """Those of ``units`` whose rows the table has not, with a line now and then on what is left."""
@@ -68,19 +62,19 @@ class Record:
         """Add the rows of a unit, in one write; one that has none is there as a row of its own."""
         frame = pd.DataFrame([rows] if isinstance(rows, Mapping) else rows)
         frame = (frame if len(frame) else pd.DataFrame([{}])).assign(unit=unit)
-        self.path.parent.mkdir(exist_ok=True)
-        columns = list(pd.read_csv(self.path, nrows=0)) if self.path.is_file() else []
+        self.piece.path.parent.mkdir(exist_ok=True)
+        columns = list(pd.read_csv(self.piece.path, nrows=0)) if self.piece.path.is_file() else []
         if columns and set(frame) <= set(columns):
             text = frame.reindex(columns=columns).to_csv(header=False, **AS_CSV)
-            with self.path.open("a", encoding="utf-8") as file:
+            with self.piece.path.open("a", encoding="utf-8") as file:
                 file.write(text)
         else:
-            self.write(pd.concat([pd.read_csv(self.path) if columns else None, frame]))
+            self.write(pd.concat([pd.read_csv(self.piece.path) if columns else None, frame]))
 
     def write(self, rows: Table) -> None:
         """Take these rows as all that there are."""
-        self.path.parent.mkdir(exist_ok=True)
-        pd.DataFrame(rows).to_csv(self.path, **AS_CSV)
+        self.piece.path.parent.mkdir(exist_ok=True)
+        pd.DataFrame(rows).to_csv(self.piece.path, **AS_CSV)
 
 
 def measure[Unit](
@@ -127,7 +121,7 @@ def recorded(name: str) -> Iterator[Record]:
     }
     rests_on = {"references": references_of(piece), "parts": parts}
     if before is not None and all(before.get(key) == value for key, value in rests_on.items()):
-        if piece.resumable():
+        if piece.path.is_file():
             spent, processor = before["seconds"] or 0.0, before.get("processor_s", 0.0)
     elif dropped := piece.forget():
         print(f"{name}: {dropped} rows of another version, or of an unknown one, are dropped", flush=True)
@@ -140,8 +134,10 @@ def recorded(name: str) -> Iterator[Record]:
         }
         moved = {"changed_meanwhile": changed(parts, of_parts(ROOT, piece.parts()))}
         content = about | seconds | {"rows": digest(piece.rows())} | moved | rests_on
-        RESULTS.mkdir(exist_ok=True)
-        _path(piece).write_text(f"{json.dumps(content, indent=1, ensure_ascii=False)}\n", encoding="utf-8")
+        piece.path.parent.mkdir(exist_ok=True)
+        piece.path.with_suffix(".json").write_text(
+            f"{json.dumps(content, indent=1, ensure_ascii=False)}\n", encoding="utf-8"
+        )
 
     # From now on what is in the table is of this version.
     record = Record(piece, write, left="interrupted")
@@ -168,7 +164,7 @@ def references_of(piece: Piece) -> dict[str, str]:
 
 def read(piece: Piece) -> dict[str, Any] | None:
     """The provenance of a piece; None where none was kept."""
-    path = _path(piece)
+    path = piece.path.with_suffix(".json")
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
 
 
@@ -207,7 +203,3 @@ def _git(*arguments: str) -> str:
     except OSError:
         return ""
     return done.stdout.strip() if done.returncode == 0 else ""
-
-
-def _path(piece: Piece) -> Path:
-    return RESULTS / f"{piece.name}.json"

@@ -30,9 +30,6 @@ class Piece:
     command: tuple[str, ...]
     # Which of its family; empty where it is the only one.
     each: str
-    # The table under benchmarks/ that has its raw results, and the one from which a stopped run goes on.
-    result: str
-    resumes: str
     # What it rests on, from the root of the project, without the scripts: files and folders.
     speaks_of: tuple[str, ...]
     # Processor minutes that it takes; of one that is measured alone, minutes of the clock.
@@ -57,22 +54,19 @@ class Piece:
         """The files whose content it rests on: the scripts, and what no reference stands for."""
         return (*self.speaks_of, *self.scripts())
 
+    @property
+    def path(self) -> Path:
+        """The table of its raw results; beside it, as .json, stands where they come from."""
+        return BENCHMARKS / "results" / f"{self.name}.csv"
+
     def rows(self) -> pd.DataFrame:
         """Its raw results; without any where there is no such file."""
-        path = BENCHMARKS / self.result
-        return _table(path, path.stat().st_mtime_ns) if path.is_file() else pd.DataFrame()
-
-    def resumable(self) -> bool:
-        """Whether there is a table from which a stopped run goes on."""
-        return (BENCHMARKS / self.resumes).is_file()
+        return _table(self.path, self.path.stat().st_mtime_ns) if self.path.is_file() else pd.DataFrame()
 
     def forget(self) -> int:
-        """Remove the table from which a stopped run goes on; how many rows it had."""
-        if not self.resumable():
-            return 0
-        path = BENCHMARKS / self.resumes
-        count = len(pd.read_csv(path))
-        path.unlink()
+        """Remove the raw results; how many rows they had."""
+        count = len(self.rows())
+        self.path.unlink(missing_ok=True)
         return count
 
 
@@ -110,8 +104,7 @@ def _pieces(family: str, table: dict[str, Any]) -> Iterator[Piece]:
             "command": tuple(own["command"].split()),
             "speaks_of": tuple(dict.fromkeys(named)),
         }
-        result = own.pop("result", f"results/{name}.csv")
-        yield Piece(name=name, family=family, **({"result": result, "resumes": result} | own))
+        yield Piece(name=name, family=family, **own)
 
 
 def _with_each(value: Any, each: str) -> Any:

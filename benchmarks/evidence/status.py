@@ -27,7 +27,7 @@ def state_of(piece: Piece) -> State:
     if about["left"]:
         return State("unfinished", f"unfinished: {about['left']}")
     if digest(rows) != about["rows"]:
-        return State("stale", f"its rows of benchmarks/{piece.result} are not those that it wrote")
+        return State("stale", f"its rows of benchmarks/results/{piece.name}.csv are not those that it wrote")
     if moved := about["changed_meanwhile"]:
         return State("stale", f"the program changed while it ran: {', '.join(moved)}")
     if moved := changed(about.get("references", {}), references_of(piece)):

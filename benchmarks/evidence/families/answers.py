@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import numpy as np
 import pandas as pd
 
+from evidence.registry import ROOT
 from evidence.texts import Named, binomial_error, by_probability, of, percent, with_error
 
 
@@ -99,13 +102,28 @@ def plan_assurance(rows: pd.DataFrame) -> Named:
 
 
 def plan_after(rows: pd.DataFrame) -> Named:
+    question = tomllib.loads((ROOT / "models" / "plan-thesis.toml").read_text(encoding="utf-8"))["questions"]
+    least = float(next(iter(question.values())).rpartition("<")[2])
+    true = (rows["exponent"] < least).map({True: "yes", False: "no"})
+    off = (rows["by_fit"] - rows["posterior"]).abs()
+    answered = rows["answer"].notna()
+    wrong = answered & (rows["answer"] != true)
+    lines = rows.assign(answered=answered, wrong=wrong, off=off).groupby("way")
+    sums, drops = lines[["answered", "wrong"]].sum(), lines["drops"].agg(["mean", "sem", "size"])
     ways = {"thesis": "in the thesis's order of masses", "plan": "by the plan"}
-    lines = rows.set_index("way").loc[[*ways]]
-    drops = [f"{row['drops']:.1f} ± {row['drops_se']:.1f}" for _, row in lines.iterrows()]
-    shown = pd.DataFrame({"goes on": ways.values(), "drops": drops})
-    shown["answered"] = of(lines["answered"], lines["studies"]).to_numpy()
-    shown["of these wrongly"] = lines["wrong"].map("{:.0f}".format).to_numpy()
-    yield "table", shown
-    said = lines.loc["plan"].to_dict() | {"drops_of_thesis": lines.loc["thesis", "drops"]}
-    yield "sentence", said
-    yield "check", said | {"apart": lines["largest_difference"].max()}
+    shown = pd.DataFrame(
+        {
+            "goes on": ways,
+            "drops": drops["mean"].map("{:.1f}".format) + " ± " + drops["sem"].map("{:.1f}".format),
+            "answered": of(sums["answered"], drops["size"]),
+            "of these wrongly": sums["wrong"].astype(str),
+        }
+    )
+    yield "table", shown.loc[[*ways]]
+    by_way = rows.pivot_table("drops", "unit", "way")
+    saved = by_way["thesis"] - by_way["plan"]
+    of_both = saved[answered.groupby(rows["unit"]).all()]
+    said = {"studies": len(saved), "saving": saved.mean(), "saving_se": saved.sem()}
+    said |= {"saving_of_those": of_both.mean(), "saving_of_those_se": of_both.sem()}
+    yield "sentence", said | {"drops_of_thesis": drops.loc["thesis", "mean"]}
+    yield "check", {"fits": lines["by_fit"].count()["plan"], "apart": off.max()}
