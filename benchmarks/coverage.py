@@ -55,16 +55,16 @@ def campaign(name: str, seed: int) -> Simulation:
     return simulation(tables(__file__)["campaign"], {"tissue": own, "recording": CHAIN}, seed=seed)
 
 
-def compared_with(draws: Draws, truth: pd.DataFrame, simulation: Simulation) -> pd.DataFrame:
+def compared_with(draws: Draws, truth: pd.DataFrame, made: Simulation) -> pd.DataFrame:
     """`rows_of` all that was simulated and fitted: of each impact, and the mass exponents."""
-    columns = COLUMNS | {name: name for name in simulation.tissue.parameters}
+    columns = COLUMNS | {name: name for name in made.tissue.parameters}
     quantities = {
         name: (draws.impacts[name], truth[column].to_numpy())
         for name, column in columns.items()
         if column in truth and name in draws.impacts
     }
     for name in ("mass_exponent_K", "mass_exponent_C"):
-        quantities[name] = (draws.population[name], getattr(simulation.tissue, name))
+        quantities[name] = (draws.population[name], getattr(made.tissue, name))
     return rows_of(quantities)
 
 

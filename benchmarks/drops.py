@@ -24,7 +24,6 @@ from bayestissue.studies.simulation import Simulation, simulate
 
 MASSES_KG, HEIGHTS_M = (0.3, 0.5, 0.7, 0.9, 1.2), (0.03, 0.06, 0.09, 0.12)
 TABLES = tables(__file__)
-CAMPAIGN = TABLES.pop("campaign")
 
 
 def campaign(own: dict[str, Any]) -> Simulation:
@@ -33,7 +32,7 @@ def campaign(own: dict[str, Any]) -> Simulation:
         (f"{M} kg, {h} m", M, float(np.sqrt(2 * gravity_m_s2("drop") * h)))
         for M, h in product(MASSES_KG, HEIGHTS_M)
     ]
-    return simulation(CAMPAIGN, own, design={"conditions": conditions})
+    return simulation(TABLES["campaign"], own, design={"conditions": conditions})
 
 
 def line(case: dict[str, Any]) -> dict[str, object]:
@@ -52,7 +51,7 @@ def line(case: dict[str, Any]) -> dict[str, object]:
 
 
 def main() -> None:
-    measure("drops", TABLES, line)
+    measure("drops", TABLES["lines"], line)
 
 
 if __name__ == "__main__":

@@ -205,18 +205,18 @@ def fits_of(name: str) -> Fits:
     return Fits(specification_of(name), simulate(study(name, 0)).dataset(name), SAMPLES)
 
 
-def intervals(fit: Study, made: Campaign, simulation: Simulation) -> Iterator[Interval]:
+def intervals(fit: Study, made: Campaign, content: Simulation) -> Iterator[Interval]:
     """Of what is recorded, of levels beyond and of new people the ends of every outcome, and what is true."""
-    names, tissue = tuple(HEADFORM_COLUMNS), simulation.tissue
-    random = np.random.default_rng([simulation.seed, 10])
+    names, tissue = tuple(HEADFORM_COLUMNS), content.tissue
+    random = np.random.default_rng([content.seed, 10])
     columns = {q: column for q, (column, _) in TYPICAL.items()} | {q: q for q in tissue.parameters}
     recorded = [
         ({q: impact[column] for q, column in columns.items()}, impact["mass_kg"], impact["velocity_m_s"])
         for impact in made.truth.to_dict("records")
     ]
     levels = [{"subject": person, "side": "left"} for person in sorted(set(made.impacts["subject"]))]
-    beyond = [(at_level(made, simulation, level), *BEYOND.values()) for level in levels]
-    new = [(new_impact(simulation, random), *BEYOND.values()) for _ in range(PEOPLE)]
+    beyond = [(at_level(made, content, level), *BEYOND.values()) for level in levels]
+    new = [(new_impact(content, random), *BEYOND.values()) for _ in range(PEOPLE)]
     drawn = fit.at(names, [level | BEYOND for level in levels])
     predicted = predict(fit, [BEYOND]).iloc[0]
     kinds = {
@@ -236,9 +236,9 @@ def intervals(fit: Study, made: Campaign, simulation: Simulation) -> Iterator[In
             yield Interval(of, name, (found[name]["low"], found[name]["high"]), true[name].to_numpy())
 
 
-def typical_beyond(simulation: Simulation) -> dict[str, float]:
+def typical_beyond(content: Simulation) -> dict[str, float]:
     """A typical person's K and C at the mass of `BEYOND`."""
-    tissue = simulation.tissue
+    tissue = content.tissue
     size = np.log(BEYOND["mass_kg"] / tissue.reference_mass_kg)
     return {
         q: getattr(tissue, column) * np.exp(getattr(tissue, f"mass_exponent_{q}") * size)
@@ -246,21 +246,21 @@ def typical_beyond(simulation: Simulation) -> dict[str, float]:
     }
 
 
-def at_level(made: Campaign, simulation: Simulation, level: Mapping[str, str]) -> dict[str, float]:
+def at_level(made: Campaign, content: Simulation, level: Mapping[str, str]) -> dict[str, float]:
     """The parameters at a person's side, or at the average of the person's sides on the log scale."""
     impacts = made.impacts
     rows = made.truth[np.logical_and.reduce([impacts[name] == value for name, value in level.items()])]
     effect = {q: (rows[f"subject_effect_{q}"] + rows[f"subject_side_effect_{q}"]).mean() for q in "KC"}
-    own = {q: value * np.exp(effect[q]) for q, value in typical_beyond(simulation).items()}
-    return own | simulation.tissue.parameters
+    own = {q: value * np.exp(effect[q]) for q, value in typical_beyond(content).items()}
+    return own | content.tissue.parameters
 
 
-def new_impact(simulation: Simulation, random: np.random.Generator) -> dict[str, float]:
+def new_impact(content: Simulation, random: np.random.Generator) -> dict[str, float]:
     """The parameters of one impact on a new person."""
-    tissue = simulation.tissue
+    tissue = content.tissue
     of_side = tissue.sd_group["subject:side"]
     new = {}
-    for q, value in typical_beyond(simulation).items():
+    for q, value in typical_beyond(content).items():
         variances = [getattr(tissue, f"sd_{group}_{q}") ** 2 for group in ("subject", "impact")]
         sd = np.sqrt(sum(variances) + getattr(of_side, q) ** 2)
         new[q] = value * np.exp(sd * random.standard_normal())
@@ -270,7 +270,7 @@ def new_impact(simulation: Simulation, random: np.random.Generator) -> dict[str,
     }
 
 
-def choices(fit: Study, made: Campaign, simulation: Simulation) -> Iterator[tuple[str, float]]:
+def choices(fit: Study, made: Campaign, content: Simulation) -> Iterator[tuple[str, float]]:
     """The probability that an impact beyond has the lowest peak force at a level, and whether it has.
 
     As `bayestissue ask` has it of "best(subject, lowest peak_force[...])" and of "best(side, lowest
@@ -284,8 +284,8 @@ def choices(fit: Study, made: Campaign, simulation: Simulation) -> Iterator[tupl
     for factor, levels in factors.items():
         drawn = fit.at(["peak_force"], [level | BEYOND for level in levels])["peak_force"]
         best = ranked(drawn.rename(condition="level").transpose("level", ...), lowest=True)[0]
-        own = [at_level(made, simulation, level) for level in levels]
-        forces = [truths(simulation.tissue.element, p, *BEYOND.values())["peak_force"] for p in own]
+        own = [at_level(made, content, level) for level in levels]
+        forces = [truths(content.tissue.element, p, *BEYOND.values())["peak_force"] for p in own]
         for level, p, force in zip(levels, best.mean(("chain", "draw")).to_numpy(), forces, strict=True):
             yield f"best {factor}|{level[factor]}|p", float(p)
             yield f"best {factor}|{level[factor]}|true", float(force == min(forces))

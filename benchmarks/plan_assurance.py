@@ -125,10 +125,10 @@ def campaign(case: dict[str, Any], study: int) -> Simulation:
     return simulation(content, design=design, tissue=tissue)
 
 
-def truth_of(case: dict[str, Any], simulation: Simulation) -> bool:
+def truth_of(case: dict[str, Any], made: Simulation) -> bool:
     """Whether the question's claim is true of what was simulated."""
     name, _, least = case["ask"].partition(" > ")
-    tissue = simulation.tissue
+    tissue = made.tissue
     if name == "sd_subject_side_K":
         value = tissue.sd_group["subject:side"].K
     elif name == "ICC_C1_K":
@@ -150,9 +150,9 @@ def fits_of(name: str) -> Fits:
 def answer(name: str, study: int) -> dict[str, Any]:
     """One study, simulated, fitted and asked."""
     case, fits = CASES[name], fits_of(name)
-    simulation = campaign(case, study)
-    row = {"study": study, "truth": truth_of(case, simulation)}
-    prepared = fits.prepared(simulate(simulation).dataset("study"))
+    made = campaign(case, study)
+    row = {"study": study, "truth": truth_of(case, made)}
+    prepared = fits.prepared(simulate(made).dataset("study"))
     draws, passed = fits.fit(prepared, study)
     if not passed:
         return row | {"note": "chains"}
