@@ -48,6 +48,15 @@ velocity_sd_m_s = 0.005
 traces = "csv"
 """
 COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+# A good recorder, each error of the measuring chain as large as it is declared.
+RECORDER = {
+    "sampling_rate_hz": 5000.0,
+    "noise_relative_to_peak": 0.005,
+    "offset_sd_m_s2": 0.2,
+    "relative_gain_sd": 0.005,
+    "velocity_sd_m_s": 0.005,
+    "relative_mass_sd": 0.002,
+}
 
 
 def spreads(**of_level: float) -> dict[str, float]:

@@ -24,7 +24,7 @@ from bayestissue.reports.pages.fit.fit_run import TABLES
 from bayestissue.studies import fitting
 from bayestissue.studies.fitting import FitJob, resolve
 from bayestissue.studies.simulation import Simulation, simulate
-from campaigns import FOUR_BY_FOUR, simulated, spreads
+from campaigns import FOUR_BY_FOUR, RECORDER, simulated, spreads
 from make_fit_run import make_fit_run
 
 WORST = {"r_hat": 1.003, "ess_bulk": 1200.0, "ess_tail": 900.0}
@@ -276,11 +276,9 @@ def test_structured_residuals_ask_for_a_second_fit(
 @pytest.mark.long
 def test_a_stiffening_tissue_fitted_by_spring_and_damper_keeps_its_secant_stiffness(tmp_path):
     tissue = {"element": "stiffening", "parameters": {"stiffening_depth_m": 0.02}, "K_N_per_m": 2000.0}
-    recording = {"sampling_rate_hz": 5000.0, "noise_relative_to_peak": 0.005, "offset_sd_m_s2": 0.2}
-    errors = {"relative_gain_sd": 0.005, "velocity_sd_m_s": 0.005, "relative_mass_sd": 0.002}
     made = simulated(
         tissue | spreads(subject=0.1, impact=0.1),
-        recording | errors | {"before_contact_s": 0.005, "after_contact_s": 0.005},
+        RECORDER | {"before_contact_s": 0.005, "after_contact_s": 0.005},
         people=4,
         masses=(0.4, 0.7, 1.2),
         velocity=(1.5, 1.1, 0.8),

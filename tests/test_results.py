@@ -70,9 +70,7 @@ def test_a_finished_folder_takes_its_name_and_leaves_nothing_beside_it(tmp_path:
 
 @pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt, SystemExit])
 @pytest.mark.parametrize("earlier", [False, True])
-def test_a_failure_inside_leaves_everything_as_it_was(
-    tmp_path: Path, failure: type[BaseException], earlier: bool
-) -> None:
+def test_a_failure_inside_leaves_everything_as_it_was(tmp_path, failure, earlier) -> None:
     out = tmp_path / ("run" if earlier else "deep/run")
     if earlier:
         write(out)
@@ -94,9 +92,7 @@ def test_overwriting_replaces_the_whole_folder(tmp_path: Path, name: str) -> Non
 
 
 @pytest.mark.parametrize("fails", [1, 2])
-def test_earlier_results_are_never_lost_where_a_rename_fails(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: int
-) -> None:
+def test_earlier_results_are_never_lost_where_a_rename_fails(tmp_path, monkeypatch, fails) -> None:
     """Of the renames that put new results in the place of old ones, each one in turn."""
     out, rename, calls = tmp_path / "run", Path.rename, 0
 
@@ -165,6 +161,7 @@ NOT_OURS: dict[str, tuple[dict[str, str], dict[str, str | None], str]] = {
     "a dataset": ({}, {"dataset.toml": MINE}, "a dataset"),
     "a note beside": ({"table.csv": "old"}, {"note.txt": "mine"}, "note.txt"),
     "a dataset below": ({"table.csv": "old"}, {"data/dataset.toml": MINE}, "data/"),
+    "a folder without files": ({"table.csv": "old"}, {"mine/": ""}, "mine/"),
     "a link": ({"table.csv": "old"}, {"posterior.nc": None}, "posterior.nc (a link)"),
     "someone else's": ({}, {"run.json": '{"program": "another"}'}, UNMARKED),
     "recordings in a simulated dataset": (
@@ -186,9 +183,7 @@ NOT_OURS: dict[str, tuple[dict[str, str], dict[str, str | None], str]] = {
 
 
 @pytest.mark.parametrize(("written", "came", "found"), NOT_OURS.values(), ids=list(NOT_OURS))
-def test_overwrite_replaces_nothing_that_the_program_did_not_write(
-    tmp_path: Path, written: dict[str, str], came: dict[str, str | None], found: str
-) -> None:
+def test_overwrite_replaces_nothing_that_the_program_did_not_write(tmp_path, written, came, found) -> None:
     out = tmp_path / "run"
     if written:
         with results_at(out) as folder:
@@ -198,6 +193,8 @@ def test_overwrite_replaces_nothing_that_the_program_did_not_write(
         (out / name).parent.mkdir(parents=True, exist_ok=True)
         if content is None:
             (out / name).symlink_to(tmp_path)
+        elif name.endswith("/"):
+            (out / name).mkdir()
         else:
             (out / name).write_text(content)
     before = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*"))
@@ -211,9 +208,7 @@ def test_committed_results_can_be_replaced() -> None:
         require_free(reports / name, overwrite=True)
 
 
-def test_results_never_stand_in_the_place_of_what_matters(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_results_never_stand_in_the_place_of_what_matters(tmp_path, monkeypatch) -> None:
     home, data = tmp_path / "home", tmp_path / "lab" / "data"
     for folder in (home / "work", data):
         folder.mkdir(parents=True)
@@ -235,9 +230,7 @@ def test_results_never_stand_in_the_place_of_what_matters(
     assert require_place(data / "results", (data,)) == data / "results"
 
 
-def test_results_may_have_the_name_of_a_model_of_the_program(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_results_may_have_the_name_of_a_model_of_the_program(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     for _ in range(2):
         assert require_place(Path("impact"), ("impact", None)) == tmp_path / "impact"
@@ -325,9 +318,7 @@ def test_without_parts_nothing_is_left_and_nothing_promised(tmp_path: Path) -> N
     assert names(tmp_path) == []
 
 
-def test_a_power_cut_leaves_the_old_file_or_the_whole_new_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_power_cut_leaves_the_old_file_or_the_whole_new_one(tmp_path, monkeypatch) -> None:
     steps: list[str] = []
     synced, replaced = os.fsync, os.replace
 
@@ -371,9 +362,7 @@ def test_a_whole_file_appears_only_when_its_block_ends_well(tmp_path: Path) -> N
         ("lock", ""),
     ],
 )
-def test_what_no_command_left_beside_results_is_refused_and_stays(
-    tmp_path: Path, beside: str, inside: str, linked: bool
-) -> None:
+def test_what_no_command_left_beside_results_is_refused_and_stays(tmp_path, beside, inside, linked) -> None:
     """Links and a person's own, whatever they are called."""
     place, mine = tmp_path / f".run.{beside}", tmp_path / "mine"
     own = (mine if linked else place) / inside

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
-from written_drops import CAMPAIGN
+from written_drops import CAMPAIGN, drop, write
 
 from bayestissue.studies.bench.campaign_file import read_campaign
 from bayestissue.studies.bench.drops import Drops
@@ -33,3 +33,17 @@ def begin(recorded: Path) -> Callable[[], Watch]:
         return watch
 
     return begun
+
+
+@pytest.fixture
+def watched(begin: Callable[[], Watch], recorded: Path) -> Callable[[Sequence[str]], Watch]:
+    """A watch that has taken these drops."""
+
+    def taken(names: Sequence[str]) -> Watch:
+        for name in names:
+            write(recorded, name, drop(name))
+        watch = begin()
+        watch.catch_up(0)
+        return watch
+
+    return taken

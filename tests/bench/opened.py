@@ -14,6 +14,7 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.recordings.dataset import read_dataset
+from bayestissue.recordings.dataset.left_out import FILE
 from bayestissue.recordings.dataset.write import write_dataset
 from bayestissue.studies.bench.server import HOST, application, configured
 from dataset_bench import samples_of
@@ -35,6 +36,12 @@ def run_and_dataset(folder: Path) -> tuple[Path, Path]:
     about |= {"dataset_folder": "../set", "whole_hash": read_dataset(dataset).whole_hash}
     (run / "run.json").write_text(json.dumps(about))
     return run, dataset
+
+
+def contents(*folders: Path) -> dict[Path, bytes]:
+    """Of all files but the table of what is left out."""
+    files = (path for folder in folders for path in folder.rglob("*") if path.name != FILE)
+    return {path: path.read_bytes() for path in files if path.is_file()}
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from written_drops import TOWER
+from written_drops import TOWER, NoStudy
 
 from bayestissue.base.errors import InputError
 from bayestissue.inference.results.meanings import COLUMNS
@@ -34,16 +34,6 @@ NAMES = [f"d{number}" for number in range(1, 13)]
 # No recording yet.
 BEGUN = "time_s,value\n0.0,1\n"
 UNORDERED = TOWER.replace('order = "order.csv"\n', "")
-
-
-class NoStudy:
-    """The study so far, of which nothing is asked here; a site tells nothing."""
-
-    drops = 0
-    site = staticmethod(lambda *_: {"centre": None, "precision": None})
-    unlike = staticmethod(lambda *_: "")
-    words = staticmethod(lambda *_: [])
-    update = staticmethod(lambda *_, **__: None)
 
 
 class Bench:
@@ -132,7 +122,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Bench:
     numbers |= dict.fromkeys(OUTCOME_COLUMNS, np.nan)
 
     def judged(data: Any) -> SimpleNamespace:
-        return SimpleNamespace(row=pd.Series(numbers), flags=(), dataset=data)
+        return SimpleNamespace(row=pd.Series(numbers), flags=(), dataset=data, kind="")
 
     monkeypatch.setattr(watching, "GrowingStudy", lambda _: NoStudy())
     monkeypatch.setattr(watching, "impact_of", judged)
@@ -532,9 +522,7 @@ def test_a_measured_velocity_counts_more_than_a_planned_one(bench: Bench) -> Non
 
 @pytest.mark.slow
 @pytest.mark.parametrize("step", ["copyfile", "list", "tables"])
-def test_a_full_disk_ends_after_some_tries_and_nothing_is_lost(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, step: str
-) -> None:
+def test_a_full_disk_ends_after_some_tries_and_nothing_is_lost(bench, monkeypatch, step) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
 import pytest
-from opened import address, served
+from opened import address, contents, served
 from written_drops import by_init, drop, plan_of_drops, write
 
 import bayestissue as bt
 from bayestissue.recordings.dataset import write_dataset
-from bayestissue.recordings.dataset.left_out import FILE, reasons, write_left_out
+from bayestissue.recordings.dataset.left_out import reasons, write_left_out
 from bayestissue.studies.bench.views import DatasetView
 from dataset_bench import SETTINGS, tables
 
@@ -33,8 +32,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_impacts_are_left_out_used_again_and_the_last_decision_undone(folder: Path) -> None:
     write_left_out(folder, {STEMS[0]: "an earlier reason"})
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != FILE]
-    before = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
+    before = contents(folder)
     view = DatasetView(folder)
     state = view.state(0)
     assert [each["impact"] for each in state["drops"]] == STEMS[::-1], "the page puts each above the last"
@@ -62,7 +60,7 @@ def test_impacts_are_left_out_used_again_and_the_last_decision_undone(folder: Pa
         with pytest.raises(KeyError):
             view.act(action, content)
     assert reasons(folder) == {STEMS[0]: "an earlier reason"}
-    assert [hashlib.sha256(path.read_bytes()).hexdigest() for path in files] == before
+    assert contents(folder) == before
     assert STEMS[0] not in set(bt.estimate(folder)["impact"])
 
 

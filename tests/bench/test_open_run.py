@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 import pandas as pd
 import pytest
-from opened import Client, address, run_and_dataset, served
+from opened import Client, address, contents, run_and_dataset, served
 
 from bayestissue.base.errors import InputError
 from bayestissue.base.runtime import FORMAT
@@ -64,12 +64,6 @@ def tab() -> Iterator[browser.Browser]:
         yield opened
 
 
-def contents(*folders: Path) -> dict[Path, bytes]:
-    """Of all files but the table of what is left out."""
-    files = (path for folder in folders for path in folder.rglob("*") if path.name != FILE)
-    return {path: path.read_bytes() for path in files if path.is_file()}
-
-
 @pytest.fixture
 def nothing_left_out(folders: tuple[Path, Path], view: RunView) -> Iterator[None]:
     """Whatever the test before decided is taken back, and nothing but decisions was written."""
@@ -93,9 +87,7 @@ def ask(tab: browser.Browser, question: str) -> None:
 
 
 @needs_browser
-def test_questions_are_answered_refused_and_kept_in_the_address(
-    tab: browser.Browser, port: int, folders: tuple[Path, Path]
-) -> None:
+def test_questions_are_answered_refused_and_kept_in_the_address(tab, port, folders) -> None:
     tab.open(address(port))
     tab.until(READY)
     for question in (CLAIM, QUANTITY, WRONG):
@@ -142,9 +134,7 @@ def test_questions_are_answered_refused_and_kept_in_the_address(
 
 @needs_browser
 @pytest.mark.usefixtures("nothing_left_out")
-def test_keys_alone_leave_an_impact_out_and_undo_it(
-    tab: browser.Browser, port: int, folders: tuple[Path, Path]
-) -> None:
+def test_keys_alone_leave_an_impact_out_and_undo_it(tab, port, folders) -> None:
     tab.open(address(port, f"?q={quote(QUANTITY)}"))
     tab.until(READY)
     tab.tab_to("document.activeElement.matches('[data-name=K-over-C] .drawing')")
@@ -180,9 +170,7 @@ def test_keys_alone_leave_an_impact_out_and_undo_it(
 
 @needs_browser
 @pytest.mark.usefixtures("nothing_left_out")
-def test_two_pages_see_one_anothers_decisions(
-    tab: browser.Browser, port: int, folders: tuple[Path, Path]
-) -> None:
+def test_two_pages_see_one_anothers_decisions(tab, port, folders) -> None:
     with browser.Browser() as second:
         for page in (tab, second):
             page.open(address(port))
@@ -210,9 +198,7 @@ def test_nothing_is_wider_than_the_screen(tab: browser.Browser, port: int, width
 
 
 @needs_browser
-def test_figures_are_saved_under_the_policy_of_the_server(
-    tab: browser.Browser, port: int, tmp_path: Path
-) -> None:
+def test_figures_are_saved_under_the_policy_of_the_server(tab, port, tmp_path) -> None:
     tab.open(address(port))
     tab.until(READY)
     assert b"stiffness K (N/m)" in tab.figure_saved(tmp_path / "svg", "K-over-C", "SVG")
@@ -301,9 +287,7 @@ def test_there_is_no_file_but_the_page(client: Client, path: str) -> None:
     assert client.ask(path).status == 404
 
 
-def test_the_saved_answers_are_those_of_the_command(
-    client: Client, folders: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_the_saved_answers_are_those_of_the_command(client, folders, tmp_path) -> None:
     questions = [CLAIM, QUANTITY]
     saved = client.ask("/questions.csv?" + "&".join(f"q={quote(text)}" for text in (*questions, WRONG)))
     assert saved.status == 200

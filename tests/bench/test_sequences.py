@@ -28,7 +28,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
-from written_drops import TOWER
+from written_drops import TOWER, NoStudy
 
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.left_out import reasons
@@ -48,16 +48,6 @@ KINDS = st.sampled_from(("good", "good", "good", "cut", "spoilt", "odd"))
 
 class KilledError(BaseException):
     """The process ends at once."""
-
-
-class NoStudy:
-    """The study so far, of which an odd drop is unlike the others."""
-
-    drops = 0
-    site = staticmethod(lambda impact: {"centre": [0.0] * (impact.kind == "odd"), "precision": None})
-    unlike = staticmethod(lambda _, site, *__: "odd" if site["centre"] else "")
-    words = staticmethod(lambda *_: [])
-    update = staticmethod(lambda *_, **__: None)
 
 
 def read_drop(folder: Path, _: Any, row: Any) -> SimpleNamespace:

@@ -159,9 +159,7 @@ def test_a_page_shows_what_a_watch_took(begin: Callable[[], Watch], recorded: Pa
     next(with_server, None)
 
 
-def test_a_page_of_a_thousand_changes_holds_no_more_than_one_of_a_few(
-    client: Client, view: Pretended
-) -> None:
+def test_a_page_of_a_thousand_changes_holds_no_more_than_one_of_a_few(client, view) -> None:
     before = threading.active_count()
     bell = client.ask("/events")
     for _ in range(1000):
@@ -176,9 +174,7 @@ def test_what_is_typed_becomes_one_line() -> None:
     assert len(one_line("x" * 1000)) == 200
 
 
-def test_what_is_no_request_is_refused_and_the_page_goes_on(
-    capfd: pytest.CaptureFixture[str], client: Client
-) -> None:
+def test_what_is_no_request_is_refused_and_the_page_goes_on(capfd, client) -> None:
     assert client.post("decide", "[" * 9_900).status == 400
     assert client.post("decide", f'{{"reason": {"[" * 4_000 + "]" * 4_000}}}').status in (204, 400)
     assert client.ask(f"/state?since={'9' * 5_000}").status == 200
@@ -193,9 +189,7 @@ def test_what_is_no_request_is_refused_and_the_page_goes_on(
     assert capfd.readouterr().err == ""
 
 
-def test_connections_that_ask_for_nothing_do_not_keep_others_out(
-    client: Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_connections_that_ask_for_nothing_do_not_keep_others_out(client, monkeypatch) -> None:
     with ExitStack() as idle:
         sockets = [idle.enter_context(socket.create_connection((HOST, client.port))) for _ in range(80)]
         # Half a request is none either.
@@ -209,9 +203,7 @@ def test_connections_that_ask_for_nothing_do_not_keep_others_out(
 
 
 @pytest.mark.parametrize("why", ["beside", "within", "in use"])
-def test_a_dataset_that_cannot_be_written_is_opened_to_look_at(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, why: str
-) -> None:
+def test_a_dataset_that_cannot_be_written_is_opened_to_look_at(tmp_path, monkeypatch, why) -> None:
     served_views: list[tuple[Path, str]] = []
     monkeypatch.setattr("bayestissue.studies.bench.views.DatasetView", lambda *args: args)
     monkeypatch.setattr("bayestissue.studies.bench.server.serve", lambda view, *_: served_views.append(view))

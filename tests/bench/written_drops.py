@@ -41,6 +41,16 @@ velocity_m_s = 1.5
 PEOPLE, SIDES, MASSES = ("s01", "s02", "s03", "s04", "s05"), ("left", "right"), (0.5, 1.2)
 
 
+class NoStudy:
+    """A study so far of which nothing is asked; a drop of the kind "odd" is unlike the others."""
+
+    drops = 0
+    site = staticmethod(lambda impact: {"centre": [0.0] * (impact.kind == "odd"), "precision": None})
+    unlike = staticmethod(lambda _, site, *__: "odd" if site["centre"] else "")
+    words = staticmethod(lambda *_: [])
+    update = staticmethod(lambda *_, **__: None)
+
+
 def plan_of_drops(count: int, repeats: int = 3) -> list[str]:
     """Names of so many drops, person by person."""
     every = product(PEOPLE, SIDES, MASSES, range(1, repeats + 1))

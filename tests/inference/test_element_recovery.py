@@ -20,7 +20,7 @@ from bayestissue.mechanics.elements.outcomes import OUTCOMES
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare, with_discrepancy
 from bayestissue.studies.simulation import Campaign
-from campaigns import COLUMNS, holds, simulated, spreads
+from campaigns import COLUMNS, RECORDER, holds, simulated, spreads
 
 TISSUE: dict[str, dict[str, Any]] = {
     "maxwell": {"C_N_s_per_m": 120.0},
@@ -36,14 +36,7 @@ LONG = pytest.mark.long
 def campaign(name: str) -> Campaign:
     return simulated(
         {"element": name, **spreads(subject=0.2, impact=0.05), **TISSUE.get(name, {})},
-        {
-            "sampling_rate_hz": 5000.0,
-            "noise_relative_to_peak": 0.005,
-            "offset_sd_m_s2": 0.2,
-            "relative_gain_sd": 0.005,
-            "velocity_sd_m_s": 0.005,
-            "relative_mass_sd": 0.002,
-        },
+        RECORDER,
         people=4,
         masses=(0.375, 0.7, 1.333),
         velocity=(1.5, 1.2, 0.9),
@@ -63,28 +56,6 @@ def truths(name: str, made: Campaign) -> dict[str, np.ndarray]:
 
 @LONG
 @pytest.mark.parametrize("name", TISSUE)
-def test_summaries_of_traces_lie_about_the_truth(name: str) -> None:
-    made = campaign(name)
-    given, _ = prepared(name, made)
-    summaries = expanded(given)
-    names = ["K", "C", *given.model.nuisance]
-    covariance = np.linalg.inv(np.asarray(summaries.precision))
-    for parameter, true in truths(name, made).items():
-        place = names.index(parameter if parameter in "KC" else f"log_{parameter}")
-        # K and C are those at the recorded mass: its error of 0.2 % comes on top.
-        variance = covariance[:, place, place] + (0.002**2 if parameter in "KC" else 0.0)
-        z = (np.asarray(summaries.centre)[:, place] - np.log(true)) / np.sqrt(variance)
-        # Twelve squares of standard normals: their sum exceeds 32.9 once in a thousand times.
-        assert np.square(z).sum() < 32.9, (parameter, z)
-
-
-def summary_of_exponents(analysis: Any) -> list[str]:
-    names = analysis.summary["variable"]
-    return list(names[names.str.startswith("mass_exponent")])
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", TISSUE)
 def test_fit_holds_the_truth(name: str) -> None:
     made = campaign(name)
     given, specification = prepared(name, made)
@@ -99,7 +70,9 @@ def test_fit_holds_the_truth(name: str) -> None:
     comes = outcomes(
         name, truths(name, made), *(made.truth[c].to_numpy() for c in ("mass_kg", "velocity_m_s"))
     )
-    true |= {outcome: np.asarray(getattr(comes, outcome)) for outcome in OUTCOMES}
+    # Without gravity along the motion it adds no share.
+    there = [outcome for outcome in OUTCOMES if outcome != "energy_share_with_gravity"]
+    true |= {outcome: np.asarray(getattr(comes, outcome)) for outcome in there}
     for variable, values in true.items():
         low, high = posterior[variable].quantile([0.01, 0.99], ("chain", "draw")).to_numpy()
         # Of twelve 98 % intervals, dependent through the people: three misses are a thousandth's chance.
@@ -113,7 +86,10 @@ def test_fit_holds_the_truth(name: str) -> None:
         assert ((low <= force / depth) & (force / depth <= high)).sum() >= 10
         quantities = set(analysis.tables["hypotheses"]["quantity"])
         assert quantities == {"K", "C", "K_common_depth", "K_secant"}
-        assert set(summary_of_exponents(analysis)) == {f"mass_exponent_{q}" for q in quantities}
+        names = set(analysis.summary["variable"])
+        assert {name for name in names if name.startswith("mass_exponent")} == {
+            f"mass_exponent_{q}" for q in quantities
+        }
 
 
 def test_model_files_name_what_an_element_has() -> None:

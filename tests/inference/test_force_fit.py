@@ -80,9 +80,7 @@ def test_masses_that_are_declared_too_small_are_put_right(tip: float) -> None:
     ],
     ids=["a force that rises from 0", "behind a low-pass"],
 )
-def test_it_is_so_where_a_deceleration_does_not_show_when_contact_was(
-    model: str, tissue: dict[str, Any], recorder: dict[str, Any]
-) -> None:
+def test_it_is_so_where_a_deceleration_does_not_show_when_contact_was(model, tissue, recorder) -> None:
     made = recorded(FACTOR, tissue, 0.1, **recorder)
     fit = bt.fit(made.dataset("made").with_settings(uncertainty=DECLARED), model=model, seed=1)
     posterior = fit.posterior["posterior"].dataset

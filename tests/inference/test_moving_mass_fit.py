@@ -8,15 +8,9 @@ import pytest
 import bayestissue as bt
 from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.studies.simulation import Campaign
-from campaigns import holds, simulated, spreads
+from campaigns import RECORDER, holds, simulated, spreads
 
-RECORDING = {
-    "sampling_rate_hz": 5000.0,
-    "noise_relative_to_peak": 0.005,
-    "velocity_sd_m_s": 0.015,
-    "relative_gain_sd": 0.005,
-    "relative_mass_sd": 0.002,
-}
+RECORDING = RECORDER | {"velocity_sd_m_s": 0.015, "offset_sd_m_s2": 0.0}
 PLATE = {"noise_relative_to_peak": 0.005, "relative_gain_sd": 0.01, "place": "base"}
 SHORT = {"like": "moving_mass", "sampler": {"chains": 2, "draws": 500, "effective": 400}}
 ALL = ("K", "C", "moving_mass_kg")

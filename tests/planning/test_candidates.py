@@ -49,9 +49,7 @@ def test_people_belong_to_one_level_of_a_group_of_people() -> None:
 
 
 @pytest.mark.parametrize(("lost", "lost_people", "people", "impacts"), [(0.1, 0, 10, 54), (0, 0.2, 8, 48)])
-def test_what_is_lost_is_missing_and_always_the_same(
-    lost: float, lost_people: float, people: int, impacts: int
-) -> None:
+def test_what_is_lost_is_missing_and_always_the_same(lost, lost_people, people, impacts) -> None:
     design = Candidate(10, TWO, repeats=3, lost=lost, lost_people=lost_people)
     rows = design.rows()
     assert rows["subject"].nunique() == people

@@ -71,9 +71,7 @@ def test_too_many_designs_are_refused() -> None:
         ),
     ],
 )
-def test_the_default_formula_has_the_factors_that_are_asked_for(
-    factor: dict[str, Any], question: str, formula: str
-) -> None:
+def test_the_default_formula_has_the_factors_that_are_asked_for(factor, question, formula) -> None:
     study = planned(candidates=PLAN["candidates"] | {"factors": [factor]}, questions={"a": question})
     first, second, *_ = (case.model for case in study.cases)
     assert first.formula.K == first.formula.C == f"log(mass_kg) + {formula}"
@@ -108,9 +106,7 @@ def test_reliability_may_be_asked() -> None:
     ("element", "value", "expected"),
     [("maxwell", "maxwell", "kelvin_voigt"), ("kelvin_voigt", "runs/pilot", "without a discrepancy")],
 )
-def test_a_pilot_of_another_law_is_refused(
-    monkeypatch: pytest.MonkeyPatch, element: str, value: str, expected: str
-) -> None:
+def test_a_pilot_of_another_law_is_refused(monkeypatch, element, value, expected) -> None:
     """Of another element, or of the same beside a discrepancy."""
     posterior = xr.DataTree.from_dict({"posterior": xr.Dataset({"K_secant": ("impact", [2900.0])})})
     pilot = SimpleNamespace(specification=SimpleNamespace(element=element), posterior=posterior)

@@ -74,9 +74,7 @@ def test_a_motion_is_no_factor() -> None:
         (FORCE, {"model": "stiffening"}, "a plan does not draw stiffening_depth_m of stiffening"),
     ],
 )
-def test_what_a_plan_has_no_motion_for_is_refused(
-    question: str, changed: dict[str, Any], expected: str
-) -> None:
+def test_what_a_plan_has_no_motion_for_is_refused(question, changed, expected) -> None:
     problems = refused(precision={"force": {"of": question, "relative": 0.05}}, **changed)
     assert expected in " ".join(problem.expected for problem in problems.values())
 

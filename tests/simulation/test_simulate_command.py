@@ -1,25 +1,23 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
-import pytest
 
 from bayestissue.base.resources import shared
-from bayestissue.cli import main
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.recordings.signal import displacements
+from command_line import Outcome, bayestissue
 
 
-def run(monkeypatch, *arguments) -> int:
-    monkeypatch.setattr("sys.argv", ["bayestissue", "simulate", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stopped:
-        main()
-    return stopped.value.code or 0
+def simulate(specification: Path, out: Path, *options: str) -> Outcome:
+    return bayestissue("simulate", specification, "--out", out, *options)
 
 
-def test_the_committed_example_is_what_its_specification_makes(tmp_path, monkeypatch):
+def test_the_committed_example_is_what_its_specification_makes(tmp_path):
     example = shared("data", "example")
-    assert run(monkeypatch, example / "spec.toml", "--out", tmp_path / "again") == 0
+    assert simulate(example / "spec.toml", tmp_path / "again").status == 0
     for name in ("impacts.csv", "truth.csv"):
         made, kept = (pd.read_csv(folder / name) for folder in (tmp_path / "again", example))
         # Another processor may round the last digit otherwise.
@@ -42,20 +40,20 @@ def test_the_example_can_be_worked_with():
     np.testing.assert_allclose(made.stop.x, truth["peak_displacement_m"], rtol=0.05)
 
 
-def test_a_wrong_specification_writes_nothing(tmp_path, monkeypatch, capsys):
+def test_a_wrong_specification_writes_nothing(tmp_path):
     (tmp_path / "spec.toml").write_text('name = "a"\nsed = 3\n')
-    assert run(monkeypatch, tmp_path / "spec.toml", "--out", tmp_path / "out") == 2
-    said = capsys.readouterr().err
-    assert "sed" in said
-    assert "tissue" in said
+    refused = simulate(tmp_path / "spec.toml", tmp_path / "out")
+    assert refused.status == 2
+    assert "sed" in refused.err
+    assert "tissue" in refused.err
     assert not (tmp_path / "out").exists()
 
 
-def test_the_seed_of_the_command_line_is_the_one_kept(tmp_path, monkeypatch):
+def test_the_seed_of_the_command_line_is_the_one_kept(tmp_path):
     (tmp_path / "spec.toml").write_text(
         'name = "a"\nseed = 3\n[design]\nsubjects = 1\n[tissue]\nK_N_per_m = 3000\nC_N_s_per_m = 25\n'
     )
-    assert run(monkeypatch, tmp_path / "spec.toml", "--out", tmp_path / "once", "--seed", 8) == 0
-    assert run(monkeypatch, tmp_path / "once" / "truth.toml", "--out", tmp_path / "again") == 0
+    assert simulate(tmp_path / "spec.toml", tmp_path / "once", "--seed", "8").status == 0
+    assert simulate(tmp_path / "once" / "truth.toml", tmp_path / "again").status == 0
     for name in ("truth.csv", "traces.csv.gz", "truth.toml"):
         assert (tmp_path / "once" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()

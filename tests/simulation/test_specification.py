@@ -6,49 +6,20 @@ import pytest
 from bayestissue.base.errors import InputError
 from bayestissue.studies.simulation import read_simulation
 from bayestissue.studies.simulation.simulation_file import Condition, published_conditions
+from cases import cases
 
 TISSUE = "[tissue]\nK_N_per_m = 3000\nC_N_s_per_m = 25\n"
 
 
-def refusal(tmp_path, text):
-    path = tmp_path / "spec.toml"
-    path.write_text(text)
+@pytest.mark.parametrize("case", cases(__file__))
+def test_everything_wrong_is_named_at_once_with_its_key(case, tmp_path):
+    path, text = tmp_path / "spec.toml", case["text"]
+    path.write_text(text + ("" if "[tissue]" in text else TISSUE))
     with pytest.raises(InputError) as caught:
         read_simulation(path)
-    return {problem.column: problem for problem in caught.value.problems}
-
-
-def test_everything_wrong_is_named_at_once(tmp_path):
-    problems = refusal(
-        tmp_path,
-        'name = ""\nseed = -1\n[tissue]\nK_N_per_m = -3\nstiffness = 2\n'
-        '[recording]\nrate = 5\nbits = 12\n[design]\nsubjects = 0\n[output]\ntraces = "xls"\n',
-    )
-    assert {"name", "seed", "tissue.K_N_per_m", "tissue.C_N_s_per_m", "tissue.stiffness"} <= set(problems)
-    assert {"recording.rate", "design.subjects", "output.traces"} <= set(problems)
-    assert "sampling_rate_hz" in problems["recording.rate"].expected
-    assert "'parquet'" in problems["output.traces"].expected
-    assert problems["tissue.C_N_s_per_m"].remedy == "Add the key tissue.C_N_s_per_m."
-
-
-@pytest.mark.parametrize(
-    ("text", "column", "expected"),
-    [
-        ("[recording]\nbits = 12\n", "recording", "range_m_s2"),
-        ("[output]\nfloat32 = true\n", "output", "parquet"),
-        ('[[design.conditions]]\ntrial = "a"\nmass_kg = 1\n', "design.conditions.0", "two of mass_kg"),
-    ],
-)
-def test_keys_that_need_each_other_are_explained(tmp_path, text, column, expected):
-    problems = refusal(tmp_path, 'name = "a"\n' + TISSUE + text)
-    found = {problem.expected for name, problem in problems.items() if (name or "").startswith(column)}
-    assert any(expected in words for words in found), problems
-
-
-def test_two_trials_of_one_name_are_refused(tmp_path):
-    condition = '[[design.conditions]]\ntrial = "a"\nmass_kg = 1\nvelocity_m_s = 1\n'
-    problems = refusal(tmp_path, 'name = "a"\n' + TISSUE + 2 * condition)
-    assert any("different name" in problem.expected for problem in problems.values())
+    told = [(p.column or "", f"{p.expected} {p.remedy}") for p in caught.value.problems]
+    for column, words in case["says"].items():
+        assert any(key.startswith(column) and words in said for key, said in told), (column, told)
 
 
 @pytest.mark.parametrize(

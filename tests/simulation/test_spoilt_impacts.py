@@ -43,7 +43,6 @@ def test_there_are_at_least_fifteen_ways_to_spoil_a_recording():
     assert len(KINDS) >= 15
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("quantity", "count"), [("deceleration", SOUND), ("displacement", SOUND // 2)])
 def test_fewer_than_one_sound_recording_in_twenty_is_flagged(pool, quantity, count):
     flagged = (judged(sound_ones(pool, count, quantity, seed=1))["flags"] != "").sum()
@@ -66,7 +65,6 @@ def test_fewer_than_one_sound_recording_in_twenty_that_is_cropped_at_contact_is_
     assert flagged <= binom.ppf(1 - CHANCE, len(first), 0.05)
 
 
-@pytest.mark.slow
 def test_estimate_leaves_sound_recordings_cropped_at_contact_alone(pool):
     """By the method for decelerations, at damping ratios of 0.05 to 1."""
     made = sound_ones(pool, SOUND, seed=3, cropped=True)

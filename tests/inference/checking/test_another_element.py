@@ -44,9 +44,7 @@ def test_where_the_law_fails_at_some_levels_the_depth_is_by_these() -> None:
 @pytest.mark.parametrize(
     ("fails", "formula"), [({}, "pad"), ({"A": 0.0, "B": 0.0, "C": 0.0}, "pad"), ({"C": 0.0}, "1")]
 )
-def test_nothing_is_tried_where_it_fails_nowhere_or_everywhere_or_no_formula_has_levels(
-    fails: dict[str, float], formula: str
-) -> None:
+def test_nothing_is_tried_where_it_fails_nowhere_or_everywhere_or_no_formula_has_levels(fails, formula):
     assert another_element.instead(form(**fails), NAMES, recorded(formula)) == {}
 
 

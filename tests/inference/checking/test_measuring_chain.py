@@ -9,17 +9,10 @@ from bayestissue.inference.checking.measuring_chain import AMPLITUDE, OFFSET, fr
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset import Dataset, Trace
-from campaigns import simulated
+from campaigns import RECORDER, simulated
 
 MASSES, VELOCITIES = (0.4, 0.7, 1.0, 1.3), (1.2, 1.2, 1.0, 0.9)
-RECORDING = {
-    "sampling_rate_hz": 2000.0,
-    "noise_relative_to_peak": 0.005,
-    "offset_sd_m_s2": 0.2,
-    "relative_gain_sd": 0.005,
-    "velocity_sd_m_s": 0.005,
-    "relative_mass_sd": 0.002,
-}
+RECORDING = RECORDER | {"sampling_rate_hz": 2000.0}
 # In standard errors.
 FAR = 4.0
 
@@ -95,9 +88,7 @@ def test_a_velocity_a_tenth_too_low_in_all_impacts_is_named(prepared: Prepare, g
 @pytest.mark.parametrize(
     "factor", [1.1, *(pytest.param(factor, marks=pytest.mark.long) for factor in (1.06, 1 / 1.1))]
 )
-def test_a_velocity_is_named_before_a_zero_that_explains_the_traces_as_well(
-    impact: Prepare, factor: float
-) -> None:
+def test_a_velocity_is_named_before_a_zero_that_explains_the_traces_as_well(impact, factor) -> None:
     """Of 160 impacts; one wide normal left no number, and the zero was named alone."""
     chain = {
         "sampling_rate_hz": 5000.0,

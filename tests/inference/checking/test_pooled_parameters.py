@@ -70,9 +70,7 @@ def test_a_pad_that_stiffens_more_than_others_is_named_with_the_line_to_write() 
     assert all(found.note in note for note in table["note"])
 
 
-def test_a_parameter_whose_formula_has_the_factor_is_predicted_at_its_levels(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_parameter_whose_formula_has_the_factor_is_predicted_at_its_levels(monkeypatch) -> None:
     """Pad a at 20 mm and b at 200 mm, as the formula has them; nothing is left to warn of."""
     design, effects = design_of("pad", "pad", rows=rows(), **{NAME: "pad"}), (np.log(10), 0.0, 0.0)
     posterior = drawn(design, 2, own=effects)

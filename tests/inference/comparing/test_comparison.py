@@ -61,23 +61,22 @@ def tree(log_likelihood: np.ndarray) -> xr.DataTree:
     )
 
 
-@pytest.fixture(scope="module")
-def normal_means() -> tuple[np.ndarray, np.ndarray]:
-    """Data y ~ N(0, 1), and draws of its mean under a flat prior."""
-    rng = np.random.default_rng(11)
-    y = rng.standard_normal(30)
-    return y, y.mean() + rng.standard_normal((4, 2000)) / np.sqrt(30)
+# Data y ~ N(0, 1), and draws of its mean under a flat prior.
+RNG = np.random.default_rng(11)
+Y = RNG.standard_normal(30)
+MEAN = Y.mean() + RNG.standard_normal((4, 2000)) / np.sqrt(30)
+RIGHT, WRONG = (norm(MEAN[..., None] + off, 1).logpdf(Y) for off in (0.0, 1.0))
 
 
-def test_leave_one_impact_out_agrees_with_the_exact_answer(normal_means) -> None:
-    y, mean = normal_means
-    right = norm(mean[..., None], 1).logpdf(y)
-    wrong = norm(mean[..., None] + 1.0, 1).logpdf(y)
-    table = by_importance({"wrong": tree(wrong), "right": tree(right)}, "estimates", BY_IMPACT).set_index(
-        "model"
-    )
-    others = (y.sum() - y) / 29
-    exact = norm(others, np.sqrt(1 + 1 / 29)).logpdf(y).sum()
+def compared(scheme: str = BY_IMPACT, unit: str = "impacts", **models: np.ndarray) -> pd.DataFrame:
+    trees = {name: tree(log_likelihood) for name, log_likelihood in models.items()}
+    return by_importance(trees, "estimates", scheme, unit).set_index("model")
+
+
+def test_leave_one_impact_out_agrees_with_the_exact_answer() -> None:
+    table = compared(wrong=WRONG, right=RIGHT)
+    others = (Y.sum() - Y) / 29
+    exact = norm(others, np.sqrt(1 + 1 / 29)).logpdf(Y).sum()
     assert list(table.index) == ["right", "wrong"]
     assert set(table["scheme"]) == {BY_IMPACT}
     # Thirty importance-sampled terms, each with a standard error near 1/√8000.
@@ -88,49 +87,33 @@ def test_leave_one_impact_out_agrees_with_the_exact_answer(normal_means) -> None
     assert not table["warning"].any()
 
 
-def test_an_impact_that_drags_the_posterior_along_is_counted_in_the_warning(normal_means) -> None:
-    y, mean = normal_means
-    log_likelihood = norm(mean[..., None], 1).logpdf(y)
+def test_an_impact_that_drags_the_posterior_along_is_counted_in_the_warning() -> None:
+    dragged = RIGHT.copy()
     # A likelihood far narrower than the posterior draws: its inverse has no variance.
-    log_likelihood[..., 0] = norm(mean, 0.05).logpdf(0.8)
-    table = by_importance(
-        {"a": tree(log_likelihood), "b": tree(norm(mean[..., None], 1).logpdf(y))}, "estimates", BY_IMPACT
-    )
-    assert table.set_index("model").loc["a", "warning"].startswith("1 of 30 impacts with Pareto k above 0.7")
+    dragged[..., 0] = norm(MEAN, 0.05).logpdf(0.8)
+    warning = compared(a=dragged, b=RIGHT).loc["a", "warning"]
+    assert warning.startswith("1 of 30 impacts with Pareto k above 0.7")
 
 
-def test_weights_hold_where_the_densities_are_too_large_for_their_exponentials(normal_means) -> None:
-    y, mean = normal_means
-    right, wrong = norm(mean[..., None], 1).logpdf(y), norm(mean[..., None] + 1.0, 1).logpdf(y)
+def test_weights_hold_where_the_densities_are_too_large_for_their_exponentials() -> None:
     # The log density of a trace of a few hundred samples in metres.
-    table = by_importance({"wrong": tree(wrong + 4e3), "right": tree(right + 4e3)}, "estimates", BY_IMPACT)
-    bare = by_importance({"wrong": tree(wrong), "right": tree(right)}, "estimates", BY_IMPACT)
+    table, bare = compared(wrong=WRONG + 4e3, right=RIGHT + 4e3), compared(wrong=WRONG, right=RIGHT)
     # The optimiser stops at a relative change of 1e-6 of a likelihood that is flat at its maximum.
     assert_allclose(table["weight"], bare["weight"], atol=1e-3)
-    assert table.set_index("model").loc["right", "weight"] > 0.95
+    assert table.loc["right", "weight"] > 0.95
 
 
-def test_a_model_alone_has_no_weight(normal_means) -> None:
-    y, mean = normal_means
-    table = by_importance({"only": tree(norm(mean[..., None], 1).logpdf(y))}, "estimates", "people", "people")
-    assert table["weight"].isna().all()
+def test_a_model_alone_has_no_weight_and_few_people_are_warned_of() -> None:
+    by_person = ("leave one subject out", "people")
+    assert compared(*by_person, only=RIGHT)["weight"].isna().all()
+    few = compared(*by_person, a=RIGHT[..., :9], b=RIGHT[..., :9])
+    assert (few["warning"] == "9 people only: the standard errors are rough").all()
 
 
-def test_few_people_are_warned_of(normal_means) -> None:
-    y, mean = normal_means
-    some = tree(norm(mean[..., None], 1).logpdf(y[:9]))
-    table = by_importance({"a": some, "b": some}, "estimates", "leave one subject out", "people")
-    assert (table["warning"] == "9 people only: the standard errors are rough").all()
-
-
-def test_draws_that_are_nearly_all_one_are_scored_and_not_trusted(normal_means) -> None:
-    y, mean = normal_means
-    right = norm(mean[..., None], 1).logpdf(y)
+def test_draws_that_are_nearly_all_one_are_scored_and_not_trusted() -> None:
     # What a correction leaves where it trusts a single draw of each chain.
-    stuck = np.broadcast_to(norm(mean[:, :1, None] + 1.0, 1).logpdf(y), right.shape)
-    table = by_importance(
-        {"stuck": tree(stuck.copy()), "right": tree(right)}, "estimates", BY_IMPACT
-    ).set_index("model")
+    stuck = np.broadcast_to(WRONG[:, :1], RIGHT.shape).copy()
+    table = compared(stuck=stuck, right=RIGHT)
     assert list(table.index) == ["right", "stuck"]
     # Four draws, each as often: the harmonic mean of their densities.
     expected = -np.log(np.mean(np.exp(-stuck[:, 0]), axis=0)).sum()

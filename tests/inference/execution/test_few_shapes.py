@@ -99,9 +99,7 @@ def test_a_model_is_its_value(dataset: Dataset, specification: ModelSpecificatio
 
 
 @pytest.mark.slow
-def test_fewer_people_and_impacts_left_out_have_the_same_shapes(
-    specification: ModelSpecification, tmp_path
-) -> None:
+def test_fewer_people_and_impacts_left_out_have_the_same_shapes(specification, tmp_path) -> None:
     """People and conditions are crossed, and both are filled up."""
     masses = np.round(np.geomspace(0.4, 1.3, 9), 3).tolist()
     whole = campaign(tmp_path, 10, 1, 0.002, masses)
@@ -118,9 +116,7 @@ def test_fewer_people_and_impacts_left_out_have_the_same_shapes(
 
 
 @pytest.mark.slow
-def test_filling_up_changes_neither_densities_nor_conditionals(
-    dataset: Dataset, specification: ModelSpecification, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_filling_up_changes_neither_densities_nor_conditionals(dataset, specification, monkeypatch) -> None:
     prepared = prepare(dataset, specification, source="model")
     with monkeypatch.context() as patch:
         for module in (population, arrangement):
@@ -144,9 +140,7 @@ def test_filling_up_changes_neither_densities_nor_conditionals(
 
 
 @pytest.mark.long
-def test_another_dataset_of_about_that_size_compiles_nothing(
-    dataset: Dataset, specification: ModelSpecification, tmp_path
-) -> None:
+def test_another_dataset_of_about_that_size_compiles_nothing(dataset, specification, tmp_path) -> None:
     """Fewer people, other lengths, another error of the mass: the functions of a fit are compiled once."""
 
     def fitted(dataset: Dataset) -> None:

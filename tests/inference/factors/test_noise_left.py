@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bayestissue as bt
 from bayestissue.inference.checking.model_form import SMALL_P, stated, with_impacts
+from bayestissue.inference.points.notes import STRUCTURED
 from campaigns import simulated, spreads
 
 pytestmark = pytest.mark.slow
@@ -21,11 +23,9 @@ FORM = stated({"score": 0.3, "structured": False})
 SOUND = FORM["words"]
 
 
-def whiteness(impacts: int, tissue: dict, recording: dict) -> np.ndarray:
-    """p of each impact."""
+def estimated(impacts: int, tissue: dict, recording: dict) -> pd.DataFrame:
     chain = {"noise_relative_to_peak": 0.005, "sampling_rate_hz": 5000.0, **recording}
-    made = simulated(spreads(impact=0.2) | tissue, chain, people=impacts, seed=1)
-    return bt.estimate(made.dataset("made"))["whiteness_p"].to_numpy()
+    return bt.estimate(simulated(spreads(impact=0.2) | tissue, chain, people=impacts, seed=1).dataset("made"))
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def whiteness(impacts: int, tissue: dict, recording: dict) -> np.ndarray:
 )
 def test_of_a_hundred_sound_impacts_one_looks_structured(impacts: int, chain: dict) -> None:
     """The trace's own errors of the chain, and what was fitted to it, are no structure."""
-    p = whiteness(impacts, {}, chain)
+    p = estimated(impacts, {}, chain)["whiteness_p"].to_numpy()
     assert np.isfinite(p).all()
     standard_error = np.sqrt(0.015 * 0.985 / len(p))
     assert (p < SMALL_P).mean() <= 0.015 + standard_error
@@ -51,8 +51,10 @@ def test_of_a_hundred_sound_impacts_one_looks_structured(impacts: int, chain: di
 
 def test_a_stiffening_tissue_is_structure_in_every_impact() -> None:
     tissue = {"element": "stiffening", "parameters": {"stiffening_depth_m": 0.02}}
-    p = whiteness(40, tissue, CHAIN)
+    table = estimated(40, tissue, CHAIN)
+    p = table["whiteness_p"].to_numpy()
     assert (p < 0.001).all()
+    assert table["flags"].str.contains(STRUCTURED).all()
     found = with_impacts(FORM, [f"i{k}" for k in range(40)], p)
     assert found["impacts"]["structured"]
     assert found["impacts"]["below"] == 40

@@ -61,9 +61,7 @@ def scored(
 
 
 @pytest.mark.parametrize("scheme", ["trace", "traces_of_subject"])
-def test_leaving_out_gives_the_same_whatever_the_sites_are(
-    made: Prepared, chains: ChainDraws, scheme: str
-) -> None:
+def test_leaving_out_gives_the_same_whatever_the_sites_are(made, chains, scheme) -> None:
     """By sites that are the traces nothing is left to the draws; by others it is that on average.
 
     What leaving out weighs draws by is one over a score. Given the population its mean is the same by any
@@ -84,9 +82,7 @@ def test_leaving_out_gives_the_same_whatever_the_sites_are(
     assert (error < 0.05).all()
 
 
-def test_an_impact_s_density_is_its_likelihood_integrated_over_the_population(
-    made: Prepared, chains: ChainDraws
-) -> None:
+def test_an_impact_s_density_is_its_likelihood_integrated_over_the_population(made, chains) -> None:
     """By points of the population, with no site."""
     scores, rng = scores_by(made, chains, chains.sites)["trace"], np.random.default_rng(1)
     priors = conditional_priors(made.model, made.data.design, chains.population, np.arange(6))

@@ -115,9 +115,7 @@ MODELS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
-def test_few_at_a_time_have_the_sites_of_all_together(
-    dozen: Dataset, monkeypatch: pytest.MonkeyPatch, model: str
-) -> None:
+def test_few_at_a_time_have_the_sites_of_all_together(dozen, monkeypatch, model) -> None:
     """Blocks of any size: every likelihood is asked by itself, so that sites differ by rounding at most.
 
     Blocks are filled up to the dozen, so that one compilation of a model serves both.
@@ -146,9 +144,7 @@ def test_few_at_a_time_have_the_sites_of_all_together(
 
 
 @pytest.mark.slow
-def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
-    dozen: Dataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(dozen, monkeypatch) -> None:
     specification = ModelSpecification.model_validate(
         {"name": "shared", "likelihood": "impact", "mass_error": "subject"}
     )
@@ -199,9 +195,7 @@ def prepared() -> Prepared:
 
 
 @pytest.mark.long
-def test_of_many_impacts_some_begin_and_some_draws_are_kept(
-    dozen: Dataset, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_many_impacts_some_begin_and_some_draws_are_kept(dozen, monkeypatch) -> None:
     """As of thousands: the population from six of the twelve, and every tenth draw of each."""
     for module in (draws, chain_settings):
         monkeypatch.setattr(module, "TOGETHER", 5)
@@ -228,9 +222,7 @@ def test_of_many_impacts_some_begin_and_some_draws_are_kept(
 
 
 @pytest.mark.long
-def test_what_is_kept_of_many_impacts_has_the_posterior_of_the_whole(
-    prepared: Prepared, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_kept_of_many_impacts_has_the_posterior_of_the_whole(prepared, monkeypatch) -> None:
     specification = ModelSpecification(name="impact", likelihood="impact", sampler=Sampler(chains=2))
     fit = partial(traces.fit_traces, prepared, specification, 1, lambda *_: None)
     few = fit()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import jax
 import numpy as np
@@ -61,18 +62,16 @@ def recorded(
     motion = np.asarray(deceleration(longer, omega_n[:, None], zeta[:, None]))
     d = np.where(since >= 0, motion[:, : len(since)], 0.0)
     d += noise * d.max(1, keepdims=True) * np.random.default_rng(0).normal(size=d.shape)
-    impacts = pd.DataFrame(
-        {
-            "impact": [f"i{i}" for i in range(len(K))],
-            "subject": "s",
-            "trial": "t",
-            "mass_kg": mass,
-            "velocity_m_s": 1.5,
-            **columns,
-        }
-    )
+    impacts = pd.DataFrame({"impact": [f"i{i}" for i in range(len(K))], "subject": "s", "trial": "t"})
+    impacts = impacts.assign(mass_kg=mass, velocity_m_s=1.5, **columns)
     settings = settings_of(quantity="deceleration", uncertainty=uncertainty)
     return Dataset(settings, impacts, [Trace(time, row) for row in d])
+
+
+def alike(count: int, mass: object = 0.5, rate: float = 1e4, noise: float = 0.005, **more: Any) -> Dataset:
+    """Impacts of one tissue, by one mass or by masses one after the other."""
+    K, C = np.full(count, 3000.0), np.full(count, 25.0)
+    return recorded(K, C, np.resize(mass, count), rate, noise=noise, **more)
 
 
 # The slowest and the fastest by default, each of a width of its own to compile; all in the long suite.
@@ -82,9 +81,7 @@ def recorded(
     ("before", "after"),
     [(30.0, 0.3), (30.2, 0.3), (30.37, 0.3), (30.6, 0.3), (30.95, 0.3), (30.37, 0.0), (0.0, 0.0)],
 )
-def test_noise_free_decelerations_give_back_stiffness_and_damping(
-    rate: float, before: float, after: float
-) -> None:
+def test_noise_free_decelerations_give_back_stiffness_and_damping(rate, before, after) -> None:
     masses, ratios = [0.1, 0.375, 1.0, 5.0], [0.02, 0.05, 0.2, 0.5, 0.75, 1.0, 1.5, 2.0]
     mass, zeta = (a.ravel() for a in np.meshgrid(masses, ratios))
     K = np.full(len(mass), 3000.0)
@@ -97,16 +94,14 @@ def test_noise_free_decelerations_give_back_stiffness_and_damping(
 
 @pytest.mark.slow
 def test_accelerometer_noise_of_half_a_per_cent_costs_less_than_one() -> None:
-    count = 90
-    mass = np.resize([0.375, 0.666, 1.0, 1.333], count)
-    fit = about_rest(recorded(np.full(count, 3000.0), np.full(count, 25.0), mass, 1e4, noise=0.005))
+    fit = about_rest(alike(90, [0.375, 0.666, 1.0, 1.333]))
     assert np.median(np.abs(fit.K / 3000 - 1)) < 0.01
     assert np.median(np.abs(fit.C / 25 - 1)) < 0.01
 
 
 @pytest.mark.slow
 def test_tables_have_the_promised_columns_first() -> None:
-    dataset = recorded(np.full(3, 3000.0), np.full(3, 25.0), np.full(3, 0.5), 1e4, noise=1e-3)
+    dataset = alike(3, noise=1e-3)
     assert list(thesis(dataset)) == DDS
     table = bt.estimate(dataset)
     assert list(table.columns[: len(COLUMNS)]) == COLUMNS
@@ -115,14 +110,12 @@ def test_tables_have_the_promised_columns_first() -> None:
 
 
 def test_flags_say_what_to_doubt() -> None:
-    K, C, mass = np.full(3, 3000.0), np.full(3, 25.0), np.full(3, 0.5)
-    table = thesis(recorded(K, C, mass, 1e4, noise=0.005, tissue_thickness_m=["0.1", "0.001", ""]))
+    table = thesis(alike(3, tissue_thickness_m=["0.1", "0.001", ""]))
     assert list(table["flags"]) == ["", "deeper than the tissue is thick", ""]
 
 
 def test_what_every_sound_impact_shows_is_a_note_and_no_flag() -> None:
-    K, C, mass = np.full(3, 3000.0), np.full(3, 25.0), np.full(3, 0.5)
-    table = thesis(recorded(K, C, mass, 1e4, noise=0.005))
+    table = thesis(alike(3))
     assert list(table["flags"]) == [""] * 3
     said = said_once(table["notes"])
     assert len(said) == 1
@@ -131,8 +124,7 @@ def test_what_every_sound_impact_shows_is_a_note_and_no_flag() -> None:
 
 
 def test_without_a_quiet_part_the_offset_is_a_note() -> None:
-    K, C, mass = np.full(2, 3000.0), np.full(2, 25.0), np.full(2, 0.5)
-    table = thesis(recorded(K, C, mass, 1e4, noise=0.005, before=2.5))
+    table = thesis(alike(2, before=2.5))
     assert list(table["flags"]) == ["", ""]
     assert all("no quiet part" in note for note in table["notes"])
 
@@ -145,9 +137,7 @@ def test_the_example_is_not_flagged() -> None:
 
 
 def test_a_window_too_short_to_fit_has_a_row_without_numbers() -> None:
-    K, C, mass = np.full(2, 3000.0), np.full(2, 25.0), np.array([0.05, 5.0])
-    options = SignalOptions(window=0.25)
-    table = thesis(recorded(K, C, mass, 4e3, noise=1e-3), options=options)
+    table = thesis(alike(2, [0.05, 5.0], 4e3, 1e-3), options=SignalOptions(window=0.25))
     assert table["n_samples"][0] < 8
     assert np.isnan(table["K_N_per_m"][0])
     assert "fewer than 8 samples" in table["flags"][0]

@@ -90,9 +90,7 @@ def as_discrepancy(
 
 @pytest.mark.parametrize("off", [-1, 0, 1])
 @pytest.mark.parametrize(("name", "values"), [("stiffening", STIFF), ("kelvin_voigt", SIDE_BY_SIDE)])
-def test_without_a_discrepancy_the_secant_is_the_element_s(
-    name: str, values: dict[str, float], off: int
-) -> None:
+def test_without_a_discrepancy_the_secant_is_the_element_s(name, values, off) -> None:
     true = outcomes(name, values, MASS, VELOCITY)
     given = measured(name, values, np.asarray(true.time_to_peak), off)
     found = whole(given, jnp.zeros_like(given.record.d), NONE)
@@ -126,9 +124,7 @@ def test_a_faster_impactor_goes_deeper() -> None:
         ("hunt_crossley", BALL, 30.0 * 1.2**1.5),
     ],
 )
-def test_an_element_s_stiffness_at_one_depth_is_its_simulated_force_there(
-    name: str, values: dict[str, float], viscous: float
-) -> None:
+def test_an_element_s_stiffness_at_one_depth_is_its_simulated_force_there(name, values, viscous) -> None:
     """The same for every mass, whatever the impactor's size, and its impacts' force less the damper's."""
     which, p = element(name), {key: jnp.full(2, value) for key, value in values.items()}
     sizes: Any = {**p, "diameter_m": jnp.array([0.02, 0.05])}
@@ -149,9 +145,7 @@ def test_an_element_s_stiffness_at_one_depth_is_its_simulated_force_there(
 @pytest.mark.parametrize(
     ("name", "values"), [("stiffening", STIFF), pytest.param("wall", WALL, marks=pytest.mark.long)]
 )
-def test_beside_a_discrepancy_the_law_at_one_depth_is_found_whatever_the_mass(
-    name: str, values: dict[str, float]
-) -> None:
+def test_beside_a_discrepancy_the_law_at_one_depth_is_found_whatever_the_mass(name, values) -> None:
     given, found = as_discrepancy(name, values)
     np.testing.assert_allclose(found.damping, values["C"], rtol=OF_DISCREPANCY)
     p: Any = {key: jnp.full(2, value) for key, value in values.items()}

@@ -33,7 +33,7 @@ from bayestissue.model.hierarchy.trace_models import (
 )
 from bayestissue.model.likelihood.element.record import CONTACT
 from bayestissue.recordings.dataset import read_dataset
-from campaigns import simulated
+from campaigns import RECORDER, simulated
 
 pytestmark = pytest.mark.slow
 
@@ -45,21 +45,8 @@ SPREADS = {"sd_subject": 0.3, "sd_trial": 0.1, "sd_impact": 0.05}
 
 def planned(masses: np.ndarray, **model: Any) -> Prepared:
     """Every person hit once in each condition."""
-    made = simulated(
-        {"sd_subject_K": 0.2},
-        {
-            "sampling_rate_hz": 5000.0,
-            "noise_relative_to_peak": 0.005,
-            "offset_sd_m_s2": 0.2,
-            "relative_gain_sd": 0.005,
-            "velocity_sd_m_s": 0.005,
-            "relative_mass_sd": 0.002,
-        },
-        people=PEOPLE,
-        masses=masses.tolist(),
-        velocity=1.2,
-        seed=3,
-    )
+    people = {"sd_subject_K": 0.2}
+    made = simulated(people, RECORDER, people=PEOPLE, masses=masses.tolist(), velocity=1.2, seed=3)
     found = read_specification(resources.shared("models", "impact.toml"))
     both = "(1|subject) + (1|trial)"
     formula = found.formula.model_copy(update={"K": both, "C": both})
@@ -113,7 +100,6 @@ def by_quadrature(given: Prepared, u: np.ndarray, covariance: np.ndarray) -> np.
     return (weight * (K - (weight * K).sum(axis=0)) ** 2).sum(axis=0)
 
 
-@pytest.mark.slow
 def test_parts_are_those_of_brute_force(given: Prepared, u: np.ndarray) -> None:
     errors = trace_errors(given, u, RIDGE)
     # Likelihoods are normal but for terms of the order of their width, a hundredth, which move a variance by
@@ -182,9 +168,7 @@ def test_a_new_person_differs_by_the_spreads(table: pd.DataFrame) -> None:
     assert_allclose(variance["conditions"], 0.1**2 * (1 + 1 / CONDITIONS), rtol=0.01)
 
 
-def test_an_impact_s_interval_is_that_of_all_its_sources(
-    given: Prepared, u: np.ndarray, table: pd.DataFrame
-) -> None:
+def test_an_impact_s_interval_is_that_of_all_its_sources(given, u, table) -> None:
     N = trace_errors(given, u, RIDGE).total
     own = np.diag([SPREADS["sd_impact"] ** 2] * 2 + [0.3**2])
     measured = N + 0.002**2 * np.outer([1, 1, 0], [1, 1, 0])
@@ -194,9 +178,7 @@ def test_an_impact_s_interval_is_that_of_all_its_sources(
     assert_allclose(table.loc[("impact", "K", "all"), "sd"] ** 2 * all_but, np.median(V), rtol=0.01)
 
 
-def test_a_trace_alone_has_its_own_errors_and_the_mass_s(
-    given: Prepared, u: np.ndarray, table: pd.DataFrame
-) -> None:
+def test_a_trace_alone_has_its_own_errors_and_the_mass_s(given, u, table) -> None:
     N = trace_errors(given, u, RIDGE).total
     for place, q in enumerate("KC"):
         measured = np.median(N[:, place, place] + 0.002**2)
@@ -205,9 +187,7 @@ def test_a_trace_alone_has_its_own_errors_and_the_mass_s(
 
 
 @pytest.mark.parametrize(("whose", "errors"), [("subject", PEOPLE), ("mass", CONDITIONS)])
-def test_a_mass_that_impacts_share_is_a_source_of_the_mean(
-    monkeypatch: pytest.MonkeyPatch, whose: str, errors: int
-) -> None:
+def test_a_mass_that_impacts_share_is_a_source_of_the_mean(monkeypatch, whose, errors) -> None:
     masses = np.linspace(0.5, 0.9, CONDITIONS)
     given = planned(masses, mass_error=whose)
     given = replace(given, model=replace(given.model, log_mass_sd=0.2))
@@ -246,7 +226,6 @@ def test_a_mass_that_impacts_share_is_a_source_of_the_mean(
     assert_allclose(of_impact["all"], left(0.2**2) + 1e-6, rtol=1e-3)
 
 
-@pytest.mark.slow
 def test_contact_that_the_traces_tell_is_known_but_for_a_normal_error() -> None:
     """About a moment with a uniform error a likelihood is flat, and has no curvature to be expanded by."""
     dataset = read_dataset(resources.shared("data", "published").parent / "example")

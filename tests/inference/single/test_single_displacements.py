@@ -53,18 +53,11 @@ def recorded(share: float, mass_sd: float = 0.0) -> Dataset:
     omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(*tissues(), MASS))
     lengths = np.floor(1.3 * np.asarray(time_to_peak(omega_n, zeta)) / DT).astype(int) + 1
     x = np.asarray(driven(omega_n, zeta, share, WIDTH))
-    impacts = {
-        "impact": [f"i{i}" for i in range(COUNT)],
-        "subject": "s",
-        "trial": "t",
-        "mass_kg": MASS,
-        "velocity_m_s": VELOCITY,
-    }
+    impacts = pd.DataFrame({"impact": [f"i{i}" for i in range(COUNT)], "subject": "s", "trial": "t"})
+    impacts = impacts.assign(mass_kg=MASS, velocity_m_s=VELOCITY)
     traces = [(DT * np.arange(n), row[:n]) for row, n in zip(x, lengths, strict=True)]
     uncertainty = {"relative_mass_sd": mass_sd} if mass_sd else None
-    return bt.dataset(
-        pd.DataFrame(impacts), traces, quantity="displacement", unit="m", uncertainty=uncertainty
-    )
+    return bt.dataset(impacts, traces, quantity="displacement", unit="m", uncertainty=uncertainty)
 
 
 @pytest.fixture(scope="module")
