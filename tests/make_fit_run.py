@@ -1,400 +1,255 @@
-"""A small run folder with the shape of a finished `fit`; its numbers are invented."""
+"""A small finished fit that the program made of drops of known K and C, and what tests change of it.
+
+``python tests/make_fit_run.py`` makes the stored one anew, which a slow test holds against the program.
+"""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
+import tarfile
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+import bayestissue as bt
 from bayestissue.base.results.tables import table_of_rows
-from bayestissue.base.runtime import FORMAT
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
-from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
-from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
-from bayestissue.inference.answers.study import Study
+from bayestissue.inference.answers.level_tables import levels_table
 from bayestissue.inference.quantities.secants import comparable_draws
-from bayestissue.model.hierarchy.recorded import Recorded
-from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.run_folder import read_about
-from made_once import made_once
-from tree_file import write_tree
+from bayestissue.inference.results.summary import summarise
+from bayestissue.model.hierarchy.derived import hypotheses
+from dataset_bench import deceleration
+from made_once import made_once, once
 
-CHAINS, DRAWS, REPLICATES, SAMPLES = 2, 100, 40, 60
-PEOPLE, CONDITIONS = 4, 3
-MASS = np.array([0.4, 0.7, 1.2])
-LEVEL = {"K": 2500.0, "C": 25.0}
-UNITS = {"K": "N/m", "C": "N s/m"}
-COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
-POSTERIOR_SD, SUBJECT_SD = 0.01, 0.2
-DT = 2e-4
-PRIOR_DRAWS = 300
-
-type Groups = dict[str, xr.Dataset]
+STORED = Path(__file__).with_name("finished_fit.tar.xz")
+PEOPLE, CONDITIONS, CHAINS, DRAWS, PRIOR_DRAWS = 4, 3, 2, 100, 300
+MASS, LEVEL = np.array([0.4, 0.7, 1.2]), np.array([2500.0, 25.0])
+MODEL = {"likelihood": "impact", "sampler": {"chains": CHAINS, "draws": 5 * DRAWS}}
+FORMULA = "side + log(mass_kg) + (1|subject) + (1|trial)"
 
 
-def write_fit_run(
-    folder: Path,
-    *,
-    passed: bool = True,
-    truth: bool = True,
-    exponent: float | None = 0.0,
-    mass_varies: bool = True,
-    likelihood: str = "a2",
-    quantity: str = "deceleration",
-    coloured: bool = False,
-    own_depth: float | None = None,
-    two_sides: bool = False,
-    discrepancy: bool = False,
-    pictures: bool = False,
-    seed: int = 1,
-    extended: Callable[[Groups], Groups] = dict,
-) -> Path:
-    """Write every file that a fit writes into ``folder``.
+def drops() -> tuple[bt.Dataset, pd.DataFrame]:
+    """Each person hit by each mass on one side, of which the left is a fifth stiffer; and the truth."""
+    rng, rows, recordings = np.random.default_rng(1), [], {}
+    people = 0.2 * rng.standard_normal((PEOPLE, 2))
+    for c, mass in enumerate(MASS):
+        for p, person in enumerate(people):
+            side = ("left", "right")[(p + c) % 2]
+            own = person + 0.03 * rng.standard_normal(2) + ([np.log(1.2), 0] if side == "left" else 0)
+            K, C = LEVEL * np.exp(own)
+            rows.append((f"t{c}-s{p}", f"s{p}", f"t{c}", side, mass, 1.5, K, C))
+            time, value = deceleration(mass, 1.5, rng.uniform(0, 1e-3), K=K, C=C)
+            recordings[f"t{c}-s{p}"] = time[::10], (value + rng.normal(0, 0.1, len(value)))[::10]
+    columns = ["impact", "subject", "trial", "side", "mass_kg", "velocity_m_s", "K_N_per_m", "C_N_s_per_m"]
+    table = pd.DataFrame(rows, columns=columns)
+    stated = {"name": "made up", "quantity": "deceleration", "unit": "m/s^2"}
+    sds = {"relative_mass_sd": 0.002, "velocity_sd_m_s": 0.005}
+    dataset = bt.dataset(table[columns[:6]], recordings, uncertainty=sds, **stated)
+    return dataset, table[["impact", *columns[6:]]]
 
-    ``exponent`` is the posterior's mean mass exponent of K (C's is 0), None for a model without one;
-    ``coloured`` noise is a running mean of two samples; with ``own_depth``, K's exponent at each impact's own
-    greatest depth, ``exponent`` is that at a common depth; of ``two_sides``, left is a fifth stiffer; beside
-    a ``discrepancy`` the element's own K is half of K_secant, which is true; with
-    ``pictures`` there are loops and curves. What is written is ``extended``.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng(seed)
-    impacts = _impacts(mass_varies)
-    true = {
-        q: LEVEL[q] * np.exp(SUBJECT_SD * rng.standard_normal(PEOPLE))[impacts["person"]] for q in ("K", "C")
+
+def fit_of_drops() -> bt.Fit:
+    """By the program, with a fifth of its draws, and half of their digits, which take a third of the room."""
+
+    def single(array: xr.DataArray) -> xr.DataArray:
+        return array.astype(np.float32).astype(float) if array.dtype == np.float64 else array
+
+    fit = bt.fit(drops()[0], MODEL, 1, K=FORMULA, C=FORMULA)
+    few = {5 * DRAWS: slice(None, None, 5), 1000: slice(PRIOR_DRAWS)}
+    groups = {
+        name: group.isel(draw=few.get(group.sizes["draw"], slice(20))).map(single, keep_attrs=True)
+        for name, group in groups_of(fit).items()
+        if "draw" in group.sizes
     }
-    posterior = _posterior(rng, impacts, true, exponent, likelihood)
-    traces = _traces(rng, impacts, true, coloured, likelihood)
-    if discrepancy:
-        posterior = _with_discrepancy(posterior, impacts["subject"].to_numpy(str))
+    return changed(fit, groups=groups)
+
+
+@cache
+def stored_fit() -> bt.Fit:
+    """The stored one, in memory."""
+
+    def unpack(folder: Path) -> None:
+        with tarfile.open(STORED) as packed:
+            packed.extractall(folder, filter="data")
+
+    fit = bt.read_run(once("stored-fit", unpack))
+    return replace(fit, posterior=fit.posterior.load()).complete()
+
+
+@cache
+def fit_run(
+    *,
+    two_sides: bool = False,
+    exponent: float | None = 0.0,
+    own_depth: float | None = None,
+    mass_varies: bool = True,
+    discrepancy: bool = False,
+    passed: bool = True,
+    likelihood: str = "impact",
+) -> bt.Fit:
+    """The stored fit, its draws moved.
+
+    Args:
+        two_sides: with effects of the sides.
+        exponent: the posterior mean of K's mass exponent (C's is 0), None for a model without one.
+        own_depth: that of K at each impact's own greatest depth, ``exponent`` being that at a common depth.
+        mass_varies: else all masses are 0.7 kg, whatever was recorded.
+        discrepancy: beside it the element's own K is half of K_secant, which is the stored K.
+        passed: whether the diagnostics are.
+        likelihood: what ``run.json`` says of the model.
+    """
+    fit = stored_fit()
+    groups = groups_of(fit)
+    posterior, constants, moved = groups["posterior"], groups["constant_data"], {}
+    means = {"K": exponent, "C": 0.0}
     if own_depth is not None:
-        posterior["mass_exponent_K_common_depth"] = posterior["mass_exponent_K"]
-        posterior["mass_exponent_K_secant"] = posterior["mass_exponent_K"] + own_depth - (exponent or 0.0)
-        traces["constant_data"]["common_depth_m"] = 0.0123
-    about = _about(passed, likelihood, quantity, exponent)
-    about |= {"discrepancy": {"rms_of_peak": 0.05}} if discrepancy else {}
-    if two_sides:
-        _with_sides(rng, posterior, traces["constant_data"], about["model"]["formula"])
-    recorded = Recorded.of_run(traces["constant_data"], about["model"])
-    prior, found = _prior(posterior, seed), {}
-    for name, draws in (("posterior", posterior), ("prior", prior)):
-        for q in ("K", "C"):
-            draws[f"{q}_typical_person"] = np.exp(draws[f"intercept_{q}"]).assign_attrs(unit=UNITS[q])
-        repeatable = ("C",) if discrepancy else ("K", "C")
-        each = {q: variances(draws, recorded, q, measurement_sd=0.01) for q in repeatable}
-        found[name] = coefficients(each, draws)
-        draws.update(as_variables(found[name]))
-    groups = {"posterior": posterior, "prior": prior, **traces}
-    write_tree(extended(groups), folder / "posterior.nc")
-    tables = _tables(rng, impacts, true, posterior, exponent)
-    compared = Contrasts(Study(posterior, recorded, Law(described=not discrepancy)))
-    tables["contrasts"], tables["levels"] = contrasts_table(compared, 0.1), levels_table(compared)
-    drawn = {"loops": loops_table, "curves": curves_table} if pictures else {}
-    tables |= {name: drawn[name](compared) if drawn else table_of_rows(name) for name in ("loops", "curves")}
-    tables["agreement"] = table_of_rows("agreement")
-    tables["reliability"] = reliability(found["posterior"], found["prior"])
-    for name, table in tables.items():
-        table.to_csv(folder / f"{name}.csv", index=False)
-    if truth:
-        frame = pd.DataFrame({"impact": impacts["impact"], **{COLUMN[q]: true[q] for q in true}})
-        frame.to_csv(folder / "truth.csv", index=False)
-    _write(folder / "diagnostics.json", _diagnostics(passed))
-    _write(folder / "run.json", about)
+        means |= {"K_common_depth": exponent, "K_secant": own_depth}
+        constants["common_depth_m"] = 0.0123
+    for q, mean in means.items() if exponent is not None else ():
+        draws = posterior[f"mass_exponent_{q[0]}"]
+        moved[f"mass_exponent_{q}"] = mean + 0.02 * (draws - draws.mean()) / draws.std()
+    if not mass_varies:
+        constants["mass_kg"] = 0 * constants["mass_kg"] + 0.7
+    if not two_sides:
+        groups["constant_data"] = constants.drop_vars("column_side")
+        moved |= {q: posterior[q].assign_attrs(averaged_over="") for q in ("K_new", "C_new")}
+    gone = [name for name in posterior if _is_gone(str(name), two_sides, exponent, discrepancy)]
+    groups |= {name: groups[name].drop_vars(gone) for name in ("posterior", "prior")}
+    terms = {"side": two_sides, "log(mass_kg)": exponent is not None, "(1|subject)": True, "(1|trial)": True}
+    formula = " + ".join(term for term, has in terms.items() if has)
+    model = {"likelihood": likelihood, "formula": {"K": formula, "C": formula}}
+    slopes = {
+        name.removeprefix("mass_exponent_"): draws for name, draws in moved.items() if "exponent" in name
+    }
+    tables = {
+        "hypotheses": hypotheses({q: draws.to_numpy() for q, draws in slopes.items()}, 0.1),
+        "estimates_dds": fit.point_estimates.assign(mass_kg=constants["mass_kg"].to_numpy()),
+    }
+    if not two_sides:
+        tables |= {name: table_of_rows(name) for name in ("contrasts", "levels", "loops", "curves")}
+    fit = changed(fit, groups=groups, record={"model": model}, **tables)
+    fit = with_draws(fit, moved)
+    fit = _beside_discrepancy(fit) if discrepancy else fit
+    return fit if passed else _failed(fit)
+
+
+def _is_gone(name: str, two_sides: bool, exponent: float | None, discrepancy: bool) -> bool:
+    """Whether a model of these options lacks a variable of the stored one."""
+    repeatability = ("ICC", "SEM", "MDC", "relative", "repeats")
+    return (
+        ("side" in name and not two_sides)
+        or (name.startswith("mass_exponent") and exponent is None)
+        or (name.endswith("_K") and name.startswith(repeatability) and discrepancy)
+    )
+
+
+def _beside_discrepancy(fit: bt.Fit) -> bt.Fit:
+    """K_secant is the stored K; nothing is said of what follows from the element's law, or how K repeats."""
+    drawn, constants = (fit.posterior[name].to_dataset() for name in ("posterior", "constant_data"))
+    none, people = 0 * drawn["intercept_K"], constants["impact_subject"].to_numpy().astype(str)
+    moved = {name: 0.5 * drawn[name] for name in drawn if str(name) in HALVED}
+    moved |= {"K_secant": drawn["K"], "discrepancy": 0.05 + 0 * drawn["K"]}
+    moved |= {"intercept_K": drawn["intercept_K"] - np.log(2), "discrepancy_mean": np.log(0.05) + none}
+    moved |= {
+        "sd_discrepancy": 1 + none,
+        **comparable_draws(drawn[["K"]].rename(K="K_secant"), {"subject": people}),
+    }
+    fit = changed(with_draws(fit, moved), record={"discrepancy": {"rms_of_peak": 0.05}})
+    compared = Contrasts(replace(fit.study, law=Law(described=False)))
+    rows = fit.reliability[fit.reliability["quantity"] != "K"]
+    return changed(
+        fit, contrasts=contrasts_table(compared, 0.1), levels=levels_table(compared), reliability=rows
+    )
+
+
+HALVED = ("K", "K_subject", "K_trial", "K_new", "K_side", "K_typical_person")
+
+
+def _failed(fit: bt.Fit) -> bt.Fit:
+    words = "R-hat is 1.4: the chains disagree."
+    first, *others = fit.diagnostics["checks"]
+    verdict = {"passed": False, "headline": "DIAGNOSTICS FAILED", "words": words, "doubts": words}
+    checks = [first | {"passed": False, "value": 1.4}, *others]
+    return changed(fit, record={"verdict": verdict}, diagnostics={"passed": False, "checks": checks})
+
+
+@made_once
+def make_fit_run(folder: Path, **options: Any) -> Path:
+    """The run of `fit_run` in a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    fit_run(**options).write(folder)
     return folder
 
 
-make_fit_run = made_once(write_fit_run)
+@made_once
+def make_scored_run(
+    folder: Path, *, worse: float = 0.0, shift: float = 0.0, about: Any = None, **options: Any
+) -> Path:
+    """A run of which each impact's density is lower by ``worse``, give or take a tenth of it.
 
-
-def read_fit_run(folder: Path, record: dict[str, Any] | None = None) -> FitRun:
-    """A run as a page reads it, by another ``run.json`` than its own if there is one."""
-    return FitRun.read(folder, read_about(folder) if record is None else record).complete()
-
-
-def changed(run: FitRun, **parts: Any) -> FitRun:
-    """A run of which some fields, tables or groups are others."""
-    tables = {name: parts.pop(name) for name in ("summary", "contrasts", "levels") if name in parts}
-    kept = {name: parts.pop(name) for name in ("groups",) if name in parts} or {"groups": run.groups}
-    about = {"about": parts.pop("record")} if "record" in parts else {}
-    copy = replace(
-        run, **parts, **about, table=lambda name: tables[name] if name in tables else run.table(name)
-    )
-    vars(copy).update(kept)
-    return copy
-
-
-def _with_discrepancy(posterior: xr.Dataset, people: np.ndarray) -> xr.Dataset:
-    secant = posterior["K"].copy()
-    for name in ("K", "K_subject", "K_trial", "K_new"):
-        posterior[name] = 0.5 * posterior[name]
-    posterior["intercept_K"] = posterior["intercept_K"] + np.log(0.5)
-    typical = np.log(0.05) + 0 * posterior["intercept_K"]
-    pooled = {"discrepancy_mean": typical, "sd_discrepancy": 1 + 0 * typical}
-    posterior = posterior.assign(K_secant=secant, discrepancy=0.05 + 0 * secant, **pooled)
-    return posterior.assign(comparable_draws(posterior[["K_secant"]], {"subject": people}))
-
-
-def _with_sides(rng, posterior: xr.Dataset, constants: xr.Dataset, formula: dict[str, str]) -> None:
-    for q, ratio in (("K", 1.2), ("C", 1.0)):
-        drawn = -np.log(ratio) + 0.03 * rng.standard_normal((CHAINS, DRAWS))
-        posterior[f"effect_of_side[right]_{q}"] = (("chain", "draw"), drawn)
-        formula[q] = f"side + {formula[q]}"
-    sides = np.resize(["left", "right"], constants.sizes["impact"])
-    constants["column_side"] = xr.Variable("impact", sides, {"column": "side"})
-
-
-def _impacts(mass_varies: bool) -> pd.DataFrame:
-    person, condition = np.meshgrid(np.arange(PEOPLE), np.arange(CONDITIONS))
-    frame = pd.DataFrame({"person": person.ravel(), "condition": condition.ravel()})
-    frame["subject"] = [f"s{i}" for i in frame["person"]]
-    frame["trial"] = [f"t{i}" for i in frame["condition"]]
-    frame["impact"] = frame["trial"] + "-" + frame["subject"]
-    frame["mass_kg"] = MASS[frame["condition"]] if mass_varies else 0.7
-    return frame
-
-
-def _posterior(rng, impacts, true, exponent, likelihood) -> xr.Dataset:
-    shape = (CHAINS, DRAWS)
-
-    def normal(*more: int) -> np.ndarray:
-        return rng.standard_normal((*shape, *more))
-
-    of = {"impact": "impact", "subject": "subject", "trial": "trial"}
-    found: dict[str, tuple] = {}
-    for q in ("K", "C"):
-        at = np.log(LEVEL[q]) + 0.05 * normal()
-        person = np.log(true[q][:PEOPLE] / LEVEL[q])
-        own = np.log(true[q]) + POSTERIOR_SD * (rng.standard_normal(len(impacts)) + normal(len(impacts)))
-        found |= {
-            f"intercept_{q}": ((), at),
-            f"subject_effect_{q}": (("subject",), person + 0.02 * normal(PEOPLE)),
-            f"trial_effect_{q}": (("trial",), 0.01 * normal(CONDITIONS)),
-            f"sd_impact_{q}": ((), np.exp(-3 + 0.1 * normal())),
-            f"sd_subject_{q}": ((), np.exp(-1.5 + 0.2 * normal())),
-            f"sd_trial_{q}": ((), np.exp(-4 + 0.2 * normal())),
-            f"{q}_subject": (("subject",), LEVEL[q] * np.exp(person + 0.02 * normal(PEOPLE))),
-            f"{q}_trial": (("trial",), LEVEL[q] * np.exp(0.05 * normal(CONDITIONS))),
-            q: ((of["impact"],), np.exp(own)),
-            f"{q}_new": ((), np.exp(at + SUBJECT_SD * normal())),
-        }
-        if exponent is not None:
-            found[f"mass_exponent_{q}"] = ((), (exponent if q == "K" else 0.0) + 0.02 * normal())
-    count = len(impacts)
-    errors = ("ramp_error", "level_error") if likelihood != "impact" else ("velocity_error",)
-    found |= {name: (("impact",), 1e-3 * normal(count)) for name in errors}
-    found["mass"] = (("impact",), impacts["mass_kg"].to_numpy() * (1 + 0.002 * normal(count)))
-    if likelihood == "impact":
-        found["sigma_d"] = (("impact",), np.exp(0.1 * normal(count)))
-    else:
-        found["sigma_a"] = (("impact",), np.exp(-18 + 0.1 * normal(count)))
-        found["theta1"] = (("impact",), -0.999 + 1e-4 * normal(count))
-    coords = {
-        "impact": impacts["impact"].tolist(),
-        "subject": [f"s{i}" for i in range(PEOPLE)],
-        "trial": [f"t{i}" for i in range(CONDITIONS)],
+    ``shift`` is added to the recordings, as another choice of the rest position would; ``about`` are entries
+    of ``run.json``, and ``options`` those of `fit_run`.
+    """
+    groups = groups_of(fit := fit_run(**options))
+    rng, impacts = np.random.default_rng(5), groups["constant_data"]
+    less = xr.DataArray(worse * (1 + 0.1 * rng.standard_normal(PEOPLE * CONDITIONS)), dims="impact")
+    of_groups = groups["log_likelihood_of_groups"]
+    of_groups = of_groups.assign(traces=of_groups["traces"] - less.sum())
+    for kind in ("subject", "trial"):
+        levels = impacts[f"impact_{kind}"].to_numpy() == of_groups[kind].to_numpy()[:, None]
+        of_levels = xr.DataArray(levels @ less.to_numpy(), dims=kind)
+        of_groups[f"traces_of_{kind}"] = of_groups[f"traces_of_{kind}"] - of_levels
+    scored = {
+        "log_likelihood": groups["log_likelihood"] - less,
+        "log_likelihood_of_groups": of_groups,
+        "observed_data": groups["observed_data"] + shift,
     }
-    posterior = xr.Dataset({k: (("chain", "draw", *dims), v) for k, (dims, v) in found.items()}, coords)
-    for name, values in posterior.items():
-        values.attrs = {"unit": UNITS.get(str(name)[0], "1")}
-    return posterior
+    folder.mkdir(parents=True, exist_ok=True)
+    changed(fit, groups=scored, record=about).write(folder)
+    return folder
 
 
-def _prior(posterior: xr.Dataset, seed: int) -> xr.Dataset:
-    """One chain of the population and its levels, wider than the posterior and about the same values."""
-    rng, shape = np.random.default_rng([seed, 1]), (1, PRIOR_DRAWS)
-    levels = [name for name in posterior.data_vars if "impact" not in posterior[name].dims]
+def groups_of(fit: bt.Fit) -> dict[str, xr.Dataset]:
+    return {name: group.to_dataset() for name, group in fit.posterior.children.items()}
 
-    def wider(array: xr.DataArray) -> tuple[tuple[str, ...], np.ndarray]:
-        middle, spread = array.mean(("chain", "draw")), 10 * array.std(("chain", "draw"))
-        noise = rng.standard_normal((*shape, *middle.shape))
-        values = middle.to_numpy() + spread.to_numpy() * noise
-        return array.dims, np.abs(values) if str(array.name).startswith("sd_") else values
 
-    return xr.Dataset({name: wider(posterior[name]) for name in levels}, posterior[levels].coords).drop_vars(
-        ["chain", "draw"], errors="ignore"
+def with_draws(fit: bt.Fit, moved: dict[str, xr.DataArray]) -> bt.Fit:
+    """A fit of which some variables are others or new, in its summary too."""
+    posterior, summary = fit.posterior["posterior"].to_dataset().assign(moved), fit.summary
+    kept = summary[summary["variable"].isin(list(posterior)) & ~summary["variable"].isin(list(moved))]
+    rows = pd.concat([kept, summarise(posterior[list(moved)]).assign(note="")], ignore_index=True)
+    return changed(fit, groups={"posterior": posterior}, summary=rows)
+
+
+def changed(
+    fit: bt.Fit, *, groups: Any = None, record: Any = None, diagnostics: Any = None, **tables: Any
+) -> bt.Fit:
+    """A fit of which some groups, tables, and entries of ``run.json`` and ``diagnostics.json`` are others."""
+    return replace(
+        fit,
+        about=_merged(fit.about, record or {}),
+        diagnostics=_merged(fit.diagnostics, diagnostics or {}),
+        posterior=xr.DataTree.from_dict(groups_of(fit) | (groups or {})),
+        table=lambda name: tables[name] if name in tables else fit.table(name),
     )
 
 
-def _traces(rng, impacts, true, coloured, likelihood) -> dict[str, xr.Dataset]:
-    mass, velocity = impacts["mass_kg"].to_numpy(), 1.5
-    time = DT * np.arange(SAMPLES) + 0 * mass[:, None]
-    rate = np.sqrt(true["K"] / mass)[:, None]
-    clean = {
-        "deceleration": velocity * rate * np.sin(rate * time),
-        "displacement": velocity / rate * np.sin(rate * time),
-    }
-    noise = {"deceleration": 0.1, "displacement": 1e-6}
-    inside = np.arange(SAMPLES) < SAMPLES - np.arange(len(impacts))[:, None] % 3
-
-    def noisy(name: str, colour: bool, *shape: int) -> np.ndarray:
-        white = rng.standard_normal((*shape, len(impacts), SAMPLES + 1))
-        added = white[..., 1:] + white[..., :-1] if colour else white[..., 1:]
-        return np.where(inside, clean[name] + noise[name] * added, np.nan)
-
-    names, chain = impacts["impact"].tolist(), ("chain", "draw", "impact", "time_index")
-    of_impact = {
-        "mass_kg": mass,
-        "velocity_m_s": np.full(len(impacts), velocity),
-        "impact_subject": impacts["subject"].to_numpy(str),
-        "impact_trial": impacts["trial"].to_numpy(str),
-    }
-    return {
-        "posterior_predictive": xr.Dataset(
-            {k: (chain, noisy(k, False, CHAINS, REPLICATES // CHAINS).astype("float32")) for k in clean},
-            {"impact": names},
-        ),
-        "observed_data": xr.Dataset(
-            {k: (("impact", "time_index"), noisy(k, coloured)) for k in clean}, {"impact": names}
-        ),
-        "constant_data": xr.Dataset(
-            {
-                "time": (("impact", "time_index"), np.where(inside, time, np.nan)),
-                **{k: (("impact",), v) for k, v in of_impact.items()},
-            },
-            {"impact": names},
-        ),
-    }
+def _merged(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
+    """The entries of both, those of tables within them too; an empty one leaves nothing of it."""
+    tables = [name for name, entry in new.items() if entry and isinstance(old.get(name), dict)]
+    return old | new | {name: _merged(old[name], new[name]) for name in tables}
 
 
-def _tables(rng, impacts, true, posterior, exponent) -> dict[str, pd.DataFrame]:
-    own = impacts[["impact", "subject", "trial", "mass_kg"]].assign(flags="")
-    # As the thesis's method does: too large, and C growing with the mass.
-    dds = own.assign(K_N_per_m=2 * true["K"], C_N_s_per_m=3 * true["C"] * own["mass_kg"] ** 0.5)
-    every = ("K", "C", "K_common_depth", "K_secant") if exponent is not None else ()
-    quantities = [q for q in every if f"mass_exponent_{q}" in posterior]
-    slopes = {q: posterior[f"mass_exponent_{q}"].to_numpy() for q in quantities}
-    hypotheses = [
-        (q, name, value, value - 0.1, value + 0.1, float(np.mean(np.abs(slopes[q] - value) < 0.1)))
-        for q in quantities
-        for name, value in (("fixed stiffness", 0.0), ("constant natural frequency", 1.0))
-    ]  # fmt: skip
-    schemes = (("impact", own["impact"]), ("subject", posterior["subject"]), ("trial", posterior["trial"]))
-    bad = ("", "Pareto k above 0.7")
-    scores = [
-        (f"leave one {kind} out", str(label), 500.0 + i, 0.2 + 0.7 * (i == 1), bad[i == 1])
-        for kind, labels in schemes
-        for i, label in enumerate(np.asarray(labels))
-    ]  # fmt: skip
-    return {
-        "summary": _summary(posterior),
-        "estimates_dds": dds,
-        "hypotheses": pd.DataFrame(
-            hypotheses, columns=["quantity", "hypothesis", "value", "rope_low", "rope_high", "probability"]
-        ),
-        "cross_validation": pd.DataFrame(
-            scores, columns=["scheme", "label", "elpd", "pareto_k", "warning"]
-        ),
-        "sensitivity": pd.DataFrame(
-            [("intercept_K", 0.01, 0.2, "✓"), ("sd_trial_K", 0.1, 0.2, "potential prior-data conflict")],
-            columns=["variable", "prior", "likelihood", "diagnosis"],
-        ),
-        "interval_sources": _sources(),
-    }  # fmt: skip
-
-
-def _sources() -> pd.DataFrame:
-    of_impact = {
-        "noise": 0.5,
-        "velocity and gain": 0.3,
-        "offset": 0.0,
-        "contact moment": 0.05,
-        "impacts": 0.15,
-    }
-    of_people = {"noise": 0.0005, "people": 0.7, "conditions": 0.2, "priors": 0.0995}
-    rows = [
-        (level, q, source, share, 0.01 * share**0.5)
-        for level, shares in (("impact", of_impact), ("typical person", of_people), ("new person", of_people))
-        for q in ("K", "C")
-        for source, share in {**shares, "all": 1.0, "as drawn": 1.0 + (level == "new person")}.items()
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=["level", "quantity", "source", "share", "sd"])
-
-
-def _summary(posterior: xr.Dataset) -> pd.DataFrame:
-    parts = []
-    for name, array in posterior.data_vars.items():
-        flat = array.to_numpy().reshape(CHAINS * DRAWS, -1)
-        low, quarter, median, three_quarters, high = np.percentile(flat, [5, 25, 50, 75, 95], axis=0)
-        part = pd.DataFrame(
-            {
-                "label": array[array.dims[2]].to_numpy() if array.ndim == 3 else [""],
-                "mean": flat.mean(0),
-                "sd": flat.std(0),
-                "median": median,
-                "eti50_low": quarter,
-                "eti50_high": three_quarters,
-                "eti90_low": low,
-                "eti90_high": high,
-            }
-        )
-        parts.append(part.assign(variable=name, unit=UNITS.get(str(name)[0], "1")))
-    return pd.concat(parts).assign(ess_bulk=1000.0, ess_tail=900.0, r_hat=1.001, mcse_mean=0.01)
-
-
-def _diagnostics(passed: bool) -> dict[str, object]:
-    path, words = ("summary", "Corrected.") if passed else ("exact", "Sampled by the exact path, since.")
-    return {
-        "passed": passed,
-        "route": {"path": path, "asked": "automatic", "words": words, "attempts": []},
-        "checks": [
-            {
-                "name": "R-hat",
-                "value": 1.003 if passed else 1.4,
-                "limit": "below 1.01",
-                "passed": passed,
-                "meaning": "do the chains agree?",
-                "next_step": "" if passed else "Draw longer chains.",
-            }
-        ],
-    }
-
-
-def _about(passed: bool, likelihood: str, quantity: str, exponent: float | None) -> dict[str, Any]:
-    formula = "(1|subject) + (1|trial)" if exponent is None else "log(mass_kg) + (1|subject) + (1|trial)"
-    return {
-        "program": "bayestissue",
-        "format": FORMAT,
-        "command": "fit",
-        "kind": "fit",
-        "dataset": "made up",
-        "description": "Nothing was measured.",
-        "quantity": quantity,
-        "versions": {"python": "3.12", "bayestissue": "0.2.0", "numpy": "2.3", "numpyro": "0.19"},
-        "model": {
-            "name": likelihood,
-            "description": "A made-up model.",
-            "likelihood": likelihood,
-            "signal": {"window": "peak"},
-            "reference_mass_kg": 0.7,
-            "formula": {"K": formula, "C": formula},
-            "residual_correlation": True,
-            "priors": {
-                "intercept": {"K": {"distribution": "normal", "mean": 7.0, "sd": 3.0}},
-                "atanh_theta1": {"distribution": "normal", "mean": 0.0, "sd": 1.5},
-            },
-        },
-        "uncertainty": {"relative_mass_sd": 0.002, "velocity_sd_m_s": 0.005, "relative_gain_sd": 0.0},
-        "terms_left_out": [],
-        "columns_not_used": [],
-        "left_out": ["traces, impact t9-s9: found 3; expected 8 samples. Record faster."],
-        "seed": 0,
-        "input_hash": "0123456789abcdef",
-        "started": "2026-01-01T00:00:00+00:00",
-        "wall_time_s": 61.5,
-        "verdict": {
-            "passed": passed,
-            "words": "All checks passed." if passed else "R-hat is 1.4: the chains disagree.",
-            "doubts": "All checks passed." if passed else "R-hat is 1.4: the chains disagree.",
-        },
-    }
-
-
-def _write(path: Path, content: dict[str, object]) -> None:
-    path.write_text(json.dumps(content, ensure_ascii=False), encoding="utf-8")
+if __name__ == "__main__":
+    fit, (_, truth) = fit_of_drops(), drops()
+    with TemporaryDirectory() as name, tarfile.open(STORED, "w:xz") as packed:
+        fit.write(Path(name))
+        truth.to_csv(Path(name) / "truth.csv", index=False)
+        for path in sorted(Path(name).iterdir()):
+            packed.add(path, path.name)

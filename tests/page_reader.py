@@ -6,6 +6,7 @@ import base64
 import gzip
 import json
 import re
+from html import unescape
 from html.parser import HTMLParser
 
 VOID = {"meta", "link", "br", "img", "hr", "input"}
@@ -38,6 +39,32 @@ class Reader(HTMLParser):
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
+
+
+def plain(html: str) -> str:
+    """The text of a part of a page, that of cells and blocks apart."""
+    text = re.sub(r"</?(?:a|b|code|em|i|s|span|strong|sub|sup)\b[^>]*>", "", html)
+    return " ".join(unescape(re.sub(r"<[^>]+>", " ", text)).split())
+
+
+def first_screen(html: str) -> str:
+    return html[html.index('class="first"') : html.index("<nav")]
+
+
+def section(html: str, name: str) -> str:
+    return html[html.index(f'<section id="{name}"') :].partition("</section>")[0]
+
+
+def require_whole(html: str) -> None:
+    """A page whose elements nest, that asks nothing of the network, whose links stay in it."""
+    page = Reader()
+    page.feed(html)
+    assert page.open == []
+    assert page.unnamed == 0
+    assert len(page.ids) == len(set(page.ids))
+    assert set(page.links) <= {f"#{name}" for name in page.ids}
+    assert all(source.startswith("data:") for source in page.sources)
+    assert not re.search(r'(?:src|href)="(?:https?:)?//|@import', html)
 
 
 def figures(html: str) -> list[str]:

@@ -25,7 +25,7 @@ from bayestissue.studies import fitting
 from bayestissue.studies.fitting import FitJob, resolve
 from bayestissue.studies.simulation import Simulation, simulate
 from campaigns import FOUR_BY_FOUR, RECORDER, simulated, spreads
-from make_fit_run import make_fit_run
+from make_fit_run import fit_of_drops, groups_of, make_fit_run, stored_fit
 
 WORST = {"r_hat": 1.003, "ess_bulk": 1200.0, "ess_tail": 900.0}
 
@@ -41,7 +41,7 @@ def dataset():
 @pytest.fixture(scope="module")
 def fitted(dataset, tmp_path_factory):
     """A fit whose results are made up: the notebook of traces is the test of a real one."""
-    folder = make_fit_run(tmp_path_factory.mktemp("made") / "run", pictures=True)
+    folder = make_fit_run(tmp_path_factory.mktemp("made") / "run")
     with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
         tree = stored.load()
     run = bt.read_run(folder)
@@ -314,6 +314,16 @@ def test_a_fit_has_one_blas_thread_and_gives_the_others_back() -> None:
         with fitting._set_up():
             assert set(threads().values()) == {1}
         assert threads() == before
+
+
+@pytest.mark.slow
+def test_the_stored_fit_of_other_tests_has_what_the_program_makes():
+    def content(fit: bt.Fit) -> list[object]:
+        variables = {name: set(group.variables) for name, group in groups_of(fit).items()}
+        columns = {name: list(table) for name, table in fit.tables.items()}
+        return [variables, columns, set(fit.about), set(fit.diagnostics)]
+
+    assert content(stored_fit()) == content(fit_of_drops())
 
 
 @pytest.mark.long

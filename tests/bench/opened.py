@@ -11,27 +11,18 @@ from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.recordings.dataset.left_out import FILE
-from bayestissue.recordings.dataset.write import write_dataset
 from bayestissue.studies.bench.server import HOST, application, configured
-from dataset_bench import samples_of
-from make_fit_run import CONDITIONS, MASS, PEOPLE, make_fit_run
+from make_fit_run import drops, make_fit_run
 
 TOKEN = "a-token-of-this-test"  # noqa: S105 - of nothing
-SETTINGS = {"name": "made up", "signal": {"quantity": "deceleration", "unit": "m/s^2"}}
 
 
 def run_and_dataset(folder: Path) -> tuple[Path, Path]:
     """A run whose ``run.json`` says that it is of a dataset beside it, of the same impacts."""
     run, dataset = make_fit_run(folder / "run", two_sides=True), folder / "set"
-    cells = [(f"t{c}-s{p}", f"s{p}", f"t{c}", MASS[c], 1.5) for c in range(CONDITIONS) for p in range(PEOPLE)]
-    impacts = pd.DataFrame(cells, columns=["impact", "subject", "trial", "mass_kg", "velocity_m_s"])
-    write_dataset(
-        dataset, settings=SETTINGS, impacts=impacts, traces=samples_of(impacts), trace_file="traces.csv"
-    )
+    drops()[0].write(dataset)
     about = json.loads((run / "run.json").read_text())
     about |= {"dataset_folder": "../set", "whole_hash": read_dataset(dataset).whole_hash}
     (run / "run.json").write_text(json.dumps(about))

@@ -10,8 +10,7 @@ import pytest
 
 from bayestissue.base.resources import shared
 from command_line import bayestissue, options
-from make_fit_run import make_fit_run
-from make_scored_run import make_scored_run
+from make_fit_run import make_fit_run, make_scored_run
 from stand_in_planner import kernel
 
 Command = list[str | Path]

@@ -21,7 +21,7 @@ from bayestissue.base.results.files import write_tree
 from bayestissue.base.results.output_folder import claim
 from bayestissue.reports.pages.run_folder import read_about
 from bayestissue.studies import comparing
-from make_scored_run import make_scored_run
+from make_fit_run import make_scored_run
 
 pytestmark = pytest.mark.slow
 

@@ -16,13 +16,15 @@ def test_predictions_are_printed_and_written(tmp_path: Path) -> None:
     at.write_text("subject,mass_kg\ns1,1.1\nnobody,\n", encoding="utf-8")
     told = bayestissue("predict", run, "--at", at, "--out", tmp_path / "out")
     assert (told.status, told.err) == (0, "")
-    assert "row 2: subject nobody, mass_kg 0.7, velocity_m_s 1.5; new: subject, trial" in told.out
+    assert "row 2: subject nobody, mass_kg 0.6952, velocity_m_s 1.5; new: subject, trial" in told.out
     table = pd.read_csv(tmp_path / "out" / "predictions.csv")
     assert (table["peak_force_N_low"] < table["peak_force_N"]).all()
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "2 new impacts by a fit of made up" in page
     assert page.count('class="chart"') == 5
-    assert 'subject nobody, mass_kg 0.7, velocity_m_s 1.5<br><span class="muted">new subject, trial' in page
+    assert (
+        'subject nobody, mass_kg 0.6952, velocity_m_s 1.5<br><span class="muted">new subject, trial' in page
+    )
     shown = json.loads(bayestissue("predict", run, "--at", at, "--json").out)["predictions"]
     assert shown[1]["K_N_per_m"] == pytest.approx(table["K_N_per_m"][1], rel=1e-9)
     at.write_text("subject,mass_kg\ns1,9\n", encoding="utf-8")

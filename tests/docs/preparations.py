@@ -15,7 +15,7 @@ from scipy.signal import lsim, lti
 import bayestissue as bt
 from dataset_bench import DAMPING, RATE, STIFFNESS, deceleration
 from made_once import made_once
-from make_scored_run import make_scored_run
+from make_fit_run import make_scored_run
 from recorder_files import c3d, lvm
 
 TUTORIAL = DOCS / "tutorial" / "first-report.md"

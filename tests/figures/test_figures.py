@@ -16,8 +16,7 @@ from bayestissue.reports.figures.study_comparisons import agreement, limits_of_a
 from bayestissue.reports.figures.theme import number, scale_over
 from bayestissue.reports.figures.traces import CONTACT, panels, thinned
 from bayestissue.reports.pages.fit import figures
-from bayestissue.reports.pages.run_folder import read_about
-from make_fit_run import make_fit_run, read_fit_run
+from make_fit_run import fit_run, make_fit_run
 
 pytestmark = pytest.mark.slow
 
@@ -32,12 +31,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def run(folder):
-    made = read_fit_run(folder, read_about(folder))
-    # Every person on both sides: conditions in turn on the left and on the right.
-    constants = made.groups["constant_data"]
-    constants["column_side"] = constants["column_side"].copy(data=np.resize(["left"] * 4 + ["right"] * 4, 12))
-    return made
+def run():
+    return fit_run(two_sides=True)
 
 
 def test_every_figure_of_a_paper_is_drawn_with_names_and_units(run) -> None:
@@ -46,7 +41,7 @@ def test_every_figure_of_a_paper_is_drawn_with_names_and_units(run) -> None:
         assert name in made
     for name, figure in made.items():
         drawn = figure.svg()
-        units = {"recording": "m/s²", "peak_force-ranks-by-side": "N", "K": "N/m", "C": "N s/m"}
+        units = {"recording": "m/s²", "f": "N", "p": "N", "K": "N/m", "C": "N s/m"}
         unit = units.get(name) or units[name[0]]
         assert any(unit in words for words in words_in(drawn)), name
         assert "NaN" not in drawn, name

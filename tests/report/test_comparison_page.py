@@ -14,8 +14,7 @@ from bayestissue.base.runtime import FORMAT
 from bayestissue.inference.model_comparison import same_questions
 from bayestissue.reports.pages import write_report
 from bayestissue.reports.pages.comparison import answers_figure, answers_table
-from make_fit_run import make_fit_run
-from make_scored_run import make_scored_run
+from make_fit_run import fit_run, make_scored_run
 from page_reader import Reader, figures
 
 pytestmark = pytest.mark.usefixtures("read_once")
@@ -133,19 +132,17 @@ def test_the_page_can_be_written_anew(folder, html):
     assert write_report(folder).read_text(encoding="utf-8") == html
 
 
-def test_runs_answer_the_same_questions_side_by_side(tmp_path) -> None:
-    paths = [
-        make_fit_run(tmp_path / name, two_sides=True, seed=seed) for name, seed in (("one", 1), ("two", 2))
-    ]
-    tables = {path.name: {"contrasts": pd.read_csv(path / "contrasts.csv")} for path in paths}
+def test_runs_answer_the_same_questions_side_by_side() -> None:
+    compared = fit_run(two_sides=True).contrasts
+    other = compared.assign(ratio=1.01 * compared["ratio"])
+    tables = {"one": {"contrasts": compared}, "two": {"contrasts": other}}
     claim = {"question": "K > 1", "posterior": 0.9, "unit": "", "level": ""}
     tables["two"]["questions"] = table_of_rows("questions", [claim])
     answers = same_questions(tables)
     table = answers_table(answers, ["one", "two"])
     cells = {row.cells[0]: row.cells[1:] for row in table.rows}
-    ratio = pd.read_csv(paths[0] / "contrasts.csv").iloc[0]
     (first,) = (row for question, row in cells.items() if question.startswith("K, side left over right"))
-    assert first[0].startswith(f"{ratio['ratio']:.2f} (")
+    assert first[0].startswith(f"{compared['ratio'].iloc[0]:.2f} (")
     assert cells["K > 1"] == ("not in this run", "probability 0.90")
     drawn = answers_figure(answers)
     assert set(drawn.data["series"]) == {"one", "two"}

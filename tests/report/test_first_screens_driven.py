@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from test_fit_page import with_diagnostics
 
-from bayestissue.inference.checking.model_form import stated
 from bayestissue.reports.pages import write_report
-from make_fit_run import make_fit_run
+from make_fit_run import fit_run
 from make_published_run import make_published_run
+from test_words import undescribed
 
 browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"
@@ -28,31 +26,22 @@ def tab():
         yield opened
 
 
-def not_described(folder: Path) -> Path:
-    form = stated({"score": 9.0, "undescribed": True, "discrepancy": 0.3})
-    return write_report(with_diagnostics(folder, model_form=form))
+MADE = {
+    "masses": (2, {}),
+    "sides": (2, {"two_sides": True}),
+    "beside a discrepancy": (2, {"discrepancy": True, "own_depth": 0.3, "two_sides": True}),
+    "one mass": (2, {"exponent": None, "mass_varies": False}),
+    "failed": (2, {"passed": False}),
+    "not described": (0, {}),
+}
 
 
-ONE_MASS = {"exponent": None, "mass_varies": False, "quantity": "displacement", "truth": False}
-BESIDE = {"discrepancy": True, "likelihood": "impact", "own_depth": 0.3, "two_sides": True}
-
-
-@pytest.mark.parametrize(
-    ("options", "figures", "page"),
-    [
-        ({}, 2, write_report),
-        ({"two_sides": True}, 2, write_report),
-        (BESIDE, 2, write_report),
-        (ONE_MASS, 2, write_report),
-        ({"passed": False}, 2, write_report),
-        ({}, 0, not_described),
-    ],
-    ids=["masses", "sides", "beside a discrepancy", "one mass", "failed", "not described"],
-)
-def test_a_fit_is_answered_without_scrolling(
-    options: dict, figures: int, page: Callable[[Path], Path], tab, tmp_path: Path
-) -> None:
-    tab.see_first(page(make_fit_run(tmp_path / "run", **options)), figures)
+@pytest.mark.parametrize("name", MADE)
+def test_a_fit_is_answered_without_scrolling(name: str, tab, tmp_path: Path) -> None:
+    figures, options = MADE[name]
+    run = fit_run(**options)
+    page = (run if figures else undescribed(run)).report(tmp_path / "page.html")
+    tab.see_first(page, figures)
 
 
 def test_so_are_the_published_values(tab, tmp_path: Path) -> None:

@@ -15,10 +15,8 @@ import pandas as pd
 import pytest
 
 from bayestissue.reports.figures.browser import library
-from bayestissue.reports.pages import write_report
 from bayestissue.reports.pages.fit import explorer, trace_predictions
-from bayestissue.reports.pages.run_folder import read_about
-from make_fit_run import make_fit_run, read_fit_run
+from make_fit_run import fit_run
 from page_reader import unpacked
 
 pytestmark = pytest.mark.slow
@@ -31,12 +29,12 @@ needs_browser = pytest.mark.skipif(browser.CHROMIUM is None, reason="no Chromium
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory) -> Path:
-    return write_report(make_fit_run(tmp_path_factory.mktemp("driven") / "run", two_sides=True))
+    return fit_run(two_sides=True).report(tmp_path_factory.mktemp("driven") / "page.html")
 
 
 @pytest.fixture(scope="module")
-def run(page):
-    return read_fit_run(page.parent, read_about(page.parent))
+def run():
+    return fit_run(two_sides=True)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +79,7 @@ def test_what_is_carried_of_a_recording_is_it_to_half_a_step(run) -> None:
 
 def test_where_recordings_are_too_many_some_are_carried_and_the_page_says_so(run, monkeypatch) -> None:
     assert explorer.carried_words(run) == ""
-    monkeypatch.setattr(explorer, "MOST_VALUES", 3 * 60 * 6)
+    monkeypatch.setattr(explorer, "MOST_VALUES", 3 * 22 * 6)
     assert len(explorer.carried(run)) == 3
     assert "Recordings of 3 of 12 impacts" in explorer.carried_words(run)
 
@@ -157,7 +155,7 @@ def test_numbers_behind_a_figure_are_made_when_they_are_asked_for(tab, page) -> 
     tab.until("document.querySelectorAll('.numbers table tbody tr').length > 50")
     assert tab.js("document.querySelectorAll('.numbers table').length") == tab.js(f"{CHARTS}.length")
     rows = "document.querySelectorAll('[data-name=recording] .numbers tbody tr').length"
-    assert 50 < tab.js(rows) <= 60
+    assert 10 < tab.js(rows) <= 40
     assert tab.errors == []
 
 

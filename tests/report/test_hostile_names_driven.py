@@ -24,11 +24,9 @@ from bayestissue.reports.pages.certificate_page import TABLES, certificate_html
 from bayestissue.reports.pages.plan_page import page_of
 from bayestissue.reports.pages.recordings_pages import init_page
 from bayestissue.studies.checking import check
-from bayestissue.studies.finished import read_run
 from dataset_bench import SETTINGS, tables
-from make_fit_run import make_fit_run
+from make_fit_run import fit_run, make_fit_run, make_scored_run
 from make_published_run import make_published_run
-from make_scored_run import make_scored_run
 
 browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"
@@ -139,19 +137,19 @@ def comparison(folder: Path) -> Path:
 
 
 def answers(folder: Path) -> Path:
-    fit = read_run(make_fit_run(folder / "run", two_sides=True))
+    fit = fit_run(two_sides=True)
     table = fit.ask("K[side=left] / K[side=right] > 1.1", "K[subject=s1]")
     return saved(folder, questions_page(hostile_table(table), record(fit)))
 
 
 def predictions(folder: Path) -> Path:
-    fit = read_run(make_fit_run(folder / "run", two_sides=True))
+    fit = fit_run(two_sides=True)
     new = pd.DataFrame({"mass_kg": [0.6, 1.0], "velocity_m_s": [1.2, 2.0], "side": ["left", "right"]})
     return saved(folder, predictions_page(hostile_table(fit.predict(new)), record(fit)))
 
 
 def record(fit: bt.Fit) -> dict[str, Any]:
-    return hostile(json.loads((fit.folder / "run.json").read_text())) | {"words": WORDS, "dataset": HOSTILE}
+    return hostile(fit.about) | {"words": WORDS, "dataset": HOSTILE}
 
 
 def plan(folder: Path) -> Path:

@@ -15,8 +15,8 @@ from bayestissue.reports.pages import write_report
 from bayestissue.reports.pages.recordings_pages import init_page
 from bayestissue.studies.checking import check
 from dataset_bench import SETTINGS, tables
+from make_fit_run import make_scored_run
 from make_published_run import make_published_run
-from make_scored_run import make_scored_run
 
 browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"

@@ -13,7 +13,7 @@ from bayestissue.cli import app
 from bayestissue.reports.pages import write_report
 from bayestissue.reports.pages.run_folder import read_about
 from bayestissue.thesis.pages.published_run import read_published_run
-from make_fit_run import make_fit_run
+from make_fit_run import changed, fit_run, make_fit_run
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -27,6 +27,10 @@ def problems_of(folder):
     with pytest.raises(InputError) as caught:
         write_report(folder)
     return caught.value.problems
+
+
+def places_of(folder):
+    return {(Path(problem.file).name, problem.column) for problem in problems_of(folder)}
 
 
 def test_a_folder_that_is_no_run_names_the_missing_file_and_the_next_step(tmp_path):
@@ -68,6 +72,28 @@ def test_a_broken_posterior_is_refused_and_the_old_page_stays(copied):
     (copied / "posterior.nc").write_bytes(b"not netCDF at all")
     assert problems_of(copied)[0].file.endswith("posterior.nc")
     assert (copied / "report.html").read_text() == "old"
+
+
+def test_all_that_a_fits_folder_lacks_is_named_at_once(tmp_path):
+    folder = make_fit_run(tmp_path)
+    (folder / "summary.csv").unlink()
+    (folder / "estimates_dds.csv").unlink()
+    assert places_of(folder) == {("summary.csv", None), ("estimates_dds.csv", None)}
+    assert not (folder / "report.html").exists()
+
+
+def test_all_that_is_damaged_is_named_at_once(tmp_path):
+    folder = tmp_path / "run"
+    drawn = fit_run().posterior["posterior"].to_dataset()
+    made = changed(fit_run(), groups={"posterior": drawn.drop_vars("K_new")})
+    folder.mkdir()
+    made.write(folder)
+    (folder / "sensitivity.csv").write_text("variable,diagnosis,prior\n", encoding="utf-8")
+    (folder / "diagnostics.json").write_text("{}", encoding="utf-8")
+    damaged = {("posterior.nc", None), ("sensitivity.csv", "likelihood"), ("diagnostics.json", None)}
+    assert places_of(folder) == damaged
+    (folder / "posterior.nc").write_bytes(b"not a file of draws")
+    assert places_of(folder) == damaged
 
 
 def test_printed_digits_survive_the_reading(published_run_folder):
