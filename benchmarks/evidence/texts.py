@@ -62,10 +62,9 @@ def table(rows: pd.DataFrame, *, words: bool = False) -> str:
     return "\n".join(f"| {line} |" for line in [*head, *(" | ".join(row) for row in cells.to_numpy())])
 
 
-def wide(lines: pd.DataFrame, rows: str | list[str], columns: str, cells: str = "cell") -> pd.DataFrame:
-    """Lines as a table, a row each of ``rows`` and a column each of ``columns``, in the lines' order."""
-    shown = lines.pivot_table(cells, rows, columns, "first", sort=False)
-    return shown.rename_axis(columns=None)
+def wide(lines: pd.DataFrame, rows: str | list[str], columns: str) -> pd.DataFrame:
+    """The ``cell`` of each line, by ``rows`` down and ``columns`` across, in the order of the lines."""
+    return lines.pivot_table("cell", rows, columns, "first", sort=False).rename_axis(columns=None)
 
 
 def power_of_ten(value: float) -> str:

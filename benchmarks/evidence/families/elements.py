@@ -138,6 +138,6 @@ def model_form(rows: pd.DataFrame) -> Named:
     yield "warned", of(warned, scores.size())["stiffening", "plain"]
     right = "kelvin_voigt", "plain"
     yield "false_alarms", at_most(int(warned[right]), int(scores.size()[right]))
-    without, wide = held.loc[("stiffening", "plain")], held.loc[("stiffening", "discrepancy")]
-    said = {"wide": wide["held"], "width": 100 * wide["width"], "impacts": wide["impacts"]}
+    without, given = held.loc[("stiffening", "plain")], held.loc[("stiffening", "discrepancy")]
+    said = {"wide": given["held"], "width": 100 * given["width"], "impacts": given["impacts"]}
     yield "sentence", said | {"without": without["held"]}

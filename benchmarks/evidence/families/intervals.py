@@ -103,9 +103,9 @@ def calibration(rows: pd.DataFrame) -> Named:
         cells[each] = pd.Series({name: f"{a:.3f} / {b:.3f}" for name, (a, b) in p.items()})
         values = [value for pair in p.values() for value in pair]
         every += values
-        wide, error = spread((ranks.to_numpy() + 0.5) / RANKS)
+        times, error = spread((ranks.to_numpy() + 0.5) / RANKS)
         of_one = {"each": each, "sets": len(ranks), "refused": (~part["passed"].astype(bool)).sum()}
-        of_one |= {"tests": len(values), "least": min(values), "wide": wide, "error": error}
+        of_one |= {"tests": len(values), "least": min(values), "wide": times, "error": error}
         of_one["band"] = 100 * half_band(len(ranks))
         said.append(f"- {sentence('calibration', 'of_one', of_one)}.")
     yield "table", pd.DataFrame(cells).rename_axis("quantity").reset_index()

@@ -39,7 +39,7 @@ def laws(rows: pd.DataFrame) -> Named:
 
 
 def selftest(rows: pd.DataFrame) -> Named:
-    row = rows.assign(passed=rows["checks"] - rows["failed"]).iloc[0]
+    row = rows.assign(passed=rows["checks"] - rows["failed"]).iloc[0].to_dict()
     yield "sentence", row
     yield "short", row
 
