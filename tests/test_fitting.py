@@ -214,6 +214,7 @@ def test_structured_residuals_ask_for_a_second_fit(
     form = {"score": 9.0 * structured, "structured": structured, "words": "first"}
     posterior = fitted.posterior["posterior"].dataset
     further = {"discrepancy": 0.05 * posterior["K"] ** 0, "K_secant": posterior["K"]}
+    further["log_gain_mean"] = posterior["intercept_K"] - posterior["intercept_K"].mean()
     tree = xr.DataTree.from_dict({"posterior": posterior.assign(further)})
     made = TraceAnalysis(tree, fitted.diagnostics | {"model_form": form}, fitted.tables)
     seen, said, asked = [], [], []
@@ -224,7 +225,7 @@ def test_structured_residuals_ask_for_a_second_fit(
             say("summarising each trace", 0, 1)
         return made
 
-    def judge(prepared, expansions):
+    def judge(prepared, expansions, log_gain):
         asked.append(prepared.model.discrepancy)
         impacts = [str(posterior["impact"].to_numpy()[0])]
         first = "the traces contradict the measuring chain"

@@ -102,7 +102,12 @@ def test_formulas_that_this_design_can_not_tell_are_refused() -> None:
 def test_the_chains_errors_reach_the_displacement() -> None:
     made = prepared("arma")
     level, ramp, parabola = np.asarray(made.data.record.error_sd).T
-    assert_allclose(ramp, np.hypot(0.02, 0.03 * 1.5))
+    # The gain's error, of all impacts, is a parameter and no part of each trace's own.
+    assert_allclose(ramp, 0.02)
+    assert made.model.nuisance[-1] == "log_gain"
+    assert (made.model.priors.log_gain.mean, made.model.priors.log_gain.sd) == (0.0, 0.03)
+    own = prepared("arma", gain_error="impact")
+    assert_allclose(np.asarray(own.data.record.error_sd)[:, 1], np.hypot(0.02, 0.03 * 1.5))
     # The quiet part tells the offset better than what was declared of it.
     assert_allclose(parabola, made.signal.quiet.offset_sd)
     assert (parabola < CHAIN.offset_sd).all()
@@ -128,8 +133,8 @@ def test_recorded_displacements_need_no_recorded_velocity() -> None:
 @pytest.mark.slow
 def test_the_impact_likelihood_reads_the_deceleration_itself() -> None:
     made = prepared("impact")
-    gain, offset, contact = np.asarray(made.data.record.error_sd).T
-    assert_allclose(gain, np.hypot(0.02, 0.03 * 1.5))
+    velocity, offset, contact = np.asarray(made.data.record.error_sd).T
+    assert_allclose(velocity, 0.02)
     assert_allclose(offset, made.signal.quiet.offset_sd)
     assert_allclose(contact, made.signal.contact.bracket_sd)
     assert_allclose(made.data.record.first_time, made.signal.contact.bracket_s)
@@ -144,7 +149,7 @@ def test_a_discrepancy_adds_a_parameter_and_the_modes_of_every_window() -> None:
     assert not plain.model.discrepancy
     found = with_discrepancy(dataset(), model, plain)
     assert found.model.discrepancy
-    assert found.model.nuisance == ("noise", "discrepancy")
+    assert found.model.nuisance == ("noise", "log_gain", "discrepancy")
     assert found.signal is plain.signal
     assert "discrepancy_mean" in found.model.locations.parts
     record = found.data.record
@@ -153,7 +158,7 @@ def test_a_discrepancy_adds_a_parameter_and_the_modes_of_every_window() -> None:
     assert record.discrepancy.basis.shape == (impacts, 6, samples)
     assert_allclose(record.discrepancy.share.sum(1), plain.signal.n_samples)
     other = prepared("impact", element="hunt_crossley", discrepancy="always")
-    assert other.model.nuisance == ("noise", "discrepancy")
+    assert other.model.nuisance == ("noise", "log_gain", "discrepancy")
     # A discrepancy takes up what a wrong moment of contact does.
     assert not other.data.record.contact.reach
 
@@ -162,7 +167,7 @@ def test_contact_that_does_not_show_may_be_in_any_of_some_cells() -> None:
     made = prepared("impact", element="hunt_crossley")
     record, signal = made.data.record, made.signal
     assert isinstance(record, DecelerationRecord)
-    assert made.model.nuisance == ("noise",)
+    assert made.model.nuisance == ("noise", "log_gain")
     impacts, reach = record.contact.before.shape
     assert impacts == len(signal.x)
     assert reach * signal.dt.min() >= signal.before.reach_s.max() - 1e-12

@@ -180,7 +180,10 @@ class Rows:
         record, contact = given.record, given.record.contact
         n, before, reach = int(record.n_samples[row]), int(contact.n_before[row]), contact.reach
         later = dt * np.arange(n) if record.uneven is None else np.asarray(record.uneven.later)[row, :n]
-        d, by_velocity, late = self._deceleration.at(lead + np.append(dt * np.arange(-before, 0), later))
+        times = lead + np.append(dt * np.arange(-before, 0), later)
+        log_gain = given.noise_parameters.log_gain
+        shown = 1.0 if log_gain is None else np.exp(float(log_gain[row]))
+        d, by_velocity, late = (shown * part for part in self._deceleration.at(times))
         gain = [] if record.side_by_side else [d]
         offset = (np.arange(before + n) >= contact.n_quiet[row]).astype(float)
         seen = np.append(np.asarray(contact.before)[row, reach - before :], np.asarray(record.d)[row, :n])

@@ -45,6 +45,7 @@ def two_impacts(
     merged: bool = False,
     uneven: bool = False,
     log_discrepancy: tuple[float, float] | None = None,
+    log_gain: tuple[float, float] | None = None,
 ) -> Recorded:
     """Traces of different lengths, of an element unless of another ``tissue``; errors in them."""
     mass, velocity, count = np.array([0.5, 1.2]), np.array([1.5, 1.0]), np.array([38, 45])
@@ -64,7 +65,7 @@ def two_impacts(
     further: dict[str, Any] = {}
     if uneven:
         further["uneven"] = UnevenTimes(jnp.asarray(later), jnp.zeros((2, 0)))
-    noise = {}
+    noise = {} if log_gain is None else {"log_gain": jnp.array(log_gain)}
     if log_discrepancy is not None:
         further["discrepancy"] = discrepancy_modes(count, np.tile(np.arange(width), (2, 1)))
         noise["log_discrepancy"] = jnp.array(log_discrepancy)
@@ -137,7 +138,12 @@ RATIO, TIP = 0.07, 0.1
 
 @cache
 def force_beside(
-    recorder: LowPassFilter | None = None, white: float = 1.0, first: float = 3e-4, *, below: bool = False
+    recorder: LowPassFilter | None = None,
+    white: float = 1.0,
+    first: float = 3e-4,
+    *,
+    below: bool = False,
+    log_gain: float | None = None,
 ) -> Recorded:
     """A force at other times than the deceleration's; behind a filter the first three samples don't count."""
     values, mass, velocity, dt, rows = {"K": 3000.0, "C": 25.0}, 0.8, 1.4, 7e-4, 25
@@ -167,6 +173,7 @@ def force_beside(
         ratio = np.log((np.exp(RATIO) - TIP) * mass / (mass + moves))
     record = record_of(d[None], 2e-4, 5e-4, velocity, error_sd=OF_BOTH, mass=mass, force=force)
     noise = {"log_force_sigma": np.log(0.9), "log_force_ratio": ratio}
+    noise |= {} if log_gain is None else {"log_gain": log_gain}
     return Recorded(measured(name, values, 0.4, record, **noise), (None, recorder), (1.0, white))
 
 

@@ -71,14 +71,16 @@ def record(*, gravity: bool, modes: bool, uniform: bool) -> DecelerationRecord:
     )
 
 
-def impacts(of: DecelerationRecord, width: float = 0.0) -> MeasuredImpact:
-    """At the tissue's own parameters, or at random ones about these."""
+def impacts(of: DecelerationRecord, width: float = 0.0, *, gain: bool = False) -> MeasuredImpact:
+    """At the tissue's own parameters, or at random ones about these, seen through a gain or not."""
     K, C = MASS * OMEGA_N**2, 2 * ZETA * OMEGA_N * MASS
     away = np.exp(width * RNG.normal(size=(2, IMPACTS)))
     log_peak = jnp.log(jnp.abs(of.d).max(1))
     log_sigma = log_peak + np.log(NOISE) + width * RNG.normal(size=IMPACTS)
     modes = log_peak - 4 if of.discrepancy.basis.shape[1] else None
-    return MeasuredImpact(TISSUE, jnp.asarray([K, C] * away), NoiseParameters(log_sigma, modes), of)
+    log_gain = jnp.linspace(-0.05, 0.05, IMPACTS) if gain else None
+    noise = NoiseParameters(log_sigma, modes, log_gain=log_gain)
+    return MeasuredImpact(TISSUE, jnp.asarray([K, C] * away), noise, of)
 
 
 @jax.jit
@@ -96,16 +98,18 @@ def compressed(of: DecelerationRecord) -> CompressedTraces:
     "kinds",
     [
         {"gravity": False, "modes": False, "uniform": True},
+        pytest.param({"gravity": True, "modes": True, "uniform": True, "gain": True}, marks=pytest.mark.slow),
         pytest.param({"gravity": True, "modes": False, "uniform": False}, marks=pytest.mark.slow),
         pytest.param({"gravity": True, "modes": True, "uniform": True}, marks=pytest.mark.slow),
     ],
 )
 def test_nodes_have_the_density_of_all_samples(kinds: dict[str, bool]) -> None:
-    here = record(**kinds)
+    gain = kinds.get("gain", False)
+    here = record(**{name: kind for name, kind in kinds.items() if name != "gain"})
     traces, known = compressed(here), 0
     assert {leaf.dtype for leaf in jax.tree.leaves(traces)} == {np.dtype(float)}
     for width in (0.0, 0.01, 0.1, 0.4):
-        at = impacts(here, width)
+        at = impacts(here, width, gain=gain)
         # Contact in its interval and a little beyond its end, as a place that is estimated may be.
         later = np.where(np.arange(IMPACTS) % 2, -np.asarray(here.first_time) - 0.05 * here.dt, 0.0)
         for moved in (here, here.with_first_time(here.first_time + later)):

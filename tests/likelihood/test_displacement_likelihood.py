@@ -86,6 +86,27 @@ def test_density_is_that_of_the_dense_normal() -> None:
     assert_allclose(densities(*parameters()), dense_log_density(np.asarray(RECORD.x), THETA1), rtol=1e-8)
 
 
+def test_a_gain_of_all_impacts_bends_the_traces_as_two_integrations_have_it() -> None:
+    velocity, gain = np.array([1.5, 1.2, 0.7, 1.0, 2.0]), np.array([0.02, -0.03, 0.05, 0.0, -0.01])
+    time = FIRST[:, None] + np.arange(40) * DT[:, None]
+    x = np.asarray(RECORD.x)
+    # (1 + g) d integrated twice and taken off V t and gravity's part.
+    added = gain[:, None] * (velocity[:, None] * time + GRAVITY[:, None] * time**2 / 2)
+    of = replace(measured(), record=RECORD._replace(velocity=jnp.asarray(velocity)))
+    with_gain = replace(of, log_gain=jnp.log1p(gain))
+    expected = dense_log_density(x + added, THETA1)
+    assert_allclose(with_gain.log_density(), expected, rtol=1e-8)
+    shocks = np.exp(2 * LOG_SIGMA) * with_gain.products().gram[0][0]
+    assert_allclose(shocks, squares_of_channel(with_gain), rtol=1e-6)
+
+
+def squares_of_channel(of: MeasuredDisplacement) -> np.ndarray:
+    """Sum of squares of the residual over its noise, frequency by frequency."""
+    channel = of.channels()[0]
+    white = np.asarray(channel.residual)[:, 0] ** 2 / np.asarray(channel.noise.eigenvalue)
+    return np.where(np.asarray(channel.noise.inside), white, 0.0).sum(1)
+
+
 @pytest.mark.slow
 def test_sampled_a2_takes_theta1_from_the_oscillator() -> None:
     theta1 = np.asarray(to_differences(OMEGA_N, ZETA, DT).theta1)

@@ -37,6 +37,7 @@ from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 
 GRAVITY = 9.80665
 DISCREPANCY = (np.log(2.0), np.log(0.5))
+GAINS = (0.04, -0.07)
 SLOW_BESSEL = LowPassFilter(low_pass_hz=300.0, order=4, kind="bessel")
 SOFTWARE = LowPassFilter(low_pass_hz=200.0, applied="digital")
 Make = Callable[[], Recorded]
@@ -74,6 +75,10 @@ def densities(of: Recorded) -> list[float]:
         case(two_impacts, "kelvin_voigt", merged=True, uneven=True, within=1e-6),
         case(two_impacts, "kelvin_voigt", uneven=True, within=1e-6),
         case(side_by_side, within=1e-8, mark=""),
+        # A gain of all impacts: along gravity, beside a discrepancy, and with a force that has its own.
+        case(two_impacts, "kelvin_voigt", gravity=GRAVITY, merged=True, log_gain=GAINS, within=1e-7, mark=""),
+        case(two_impacts, "stiffening", log_discrepancy=DISCREPANCY, log_gain=GAINS, within=1e-5),
+        case(force_beside, log_gain=0.05, within=1e-6, mark=""),
         # Laplace's method over what is unknown of four errors; the oracle's own error is 1e-4.
         case(clipped, merged=True, within=5e-3, mark=""),
         case(clipped, within=5e-3),

@@ -100,6 +100,7 @@ def test_recorded_mass_and_velocity_are_not_the_true_ones():
         "relative_mass_sd": 0.05,
         "velocity_sd_m_s": 0.1,
         "relative_gain_sd": 0.02,
+        "gain_error": "impact",
         "offset_sd_m_s2": 1.0,
     }
     campaign = simulate(specification(recording=recording, subjects=100))
@@ -112,6 +113,16 @@ def test_recorded_mass_and_velocity_are_not_the_true_ones():
     _, d = rows(campaign, 0)
     assert d[0] == pytest.approx(truth["offset_m_s2"][0], abs=1e-12)
     assert campaign.settings.uncertainty.velocity_sd_m_s == 0.1
+
+
+def test_one_sensor_has_one_gain():
+    gain, own = (
+        simulate(specification(recording={"relative_gain_sd": 0.02, "gain_error": whose})).truth["gain"]
+        for whose in ("all", "impact")
+    )
+    assert gain.nunique() == 1
+    assert own.nunique() == len(own)
+    assert gain[0] == own[0] != 1
 
 
 def test_a_recorder_clips_and_rounds_to_its_steps():

@@ -32,7 +32,7 @@ from bayestissue.inference.checking.findings import (
     warnings,
 )
 from bayestissue.inference.checking.mass_checks import judge_force, judge_reference
-from bayestissue.inference.checking.measuring_chain import judge
+from bayestissue.inference.checking.measuring_chain import common_gain, judge
 from bayestissue.inference.checking.recording_warnings import (
     clipped_recordings,
     contradicted_velocity,
@@ -244,7 +244,7 @@ def resolve(
 
     Args:
         model: any of these; `default_model` of the ``quantity`` where None.
-        quantity: what was recorded, as `Dataset.recorded` has it.
+        quantity: what was recorded, as `Dataset.quantity` has it.
         formulas: in place of the model's own, by response.
         questions: beside the model's own; as of `named_questions`.
 
@@ -380,7 +380,8 @@ class FitJob:
         expansions = expanded(plain)
         job, analysis = replace(self, say=say, checkpoints=checkpoints)._first_or_second(expansions)
         points, flags = _points_and_flags(job)
-        chain = judge(plain, expansions) if job.dataset.quantity != "displacement" else {}
+        log_gain = common_gain(plain, analysis.tree)
+        chain = judge(plain, expansions, log_gain) if job.dataset.quantity != "displacement" else {}
         diagnostics = analysis.diagnostics | job._of_recordings(analysis, flags, chain)
         tables = analysis.tables | {"summary": noted(analysis.summary, diagnostics)}
         analysis = replace(analysis, diagnostics=diagnostics, tables=tables)

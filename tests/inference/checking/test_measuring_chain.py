@@ -4,15 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 
-from bayestissue.inference.checking.measuring_chain import AMPLITUDE, OFFSET, freed, judge
+from bayestissue.inference.checking.measuring_chain import AMPLITUDE, OFFSET, common_gain, freed, judge
+from bayestissue.model.hierarchy.priors import normal
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset import Dataset, Trace
 from campaigns import RECORDER, simulated
 
 MASSES, VELOCITIES = (0.4, 0.7, 1.0, 1.3), (1.2, 1.2, 1.0, 0.9)
-RECORDING = RECORDER | {"sampling_rate_hz": 2000.0}
+RECORDING = RECORDER | {"sampling_rate_hz": 2000.0, "gain_error": "impact"}
 # In standard errors.
 FAR = 4.0
 
@@ -33,8 +35,10 @@ def recorded(people: int = 3, recording: dict[str, float] | None = None, **tissu
 class Prepare:
     """Prepared data of one likelihood, with one model, so that it is compiled once."""
 
-    def __init__(self, likelihood: str) -> None:
-        self._specification = ModelSpecification.model_validate({"name": "m", "likelihood": likelihood})
+    def __init__(self, likelihood: str, gain_error: str = "impact") -> None:
+        self._specification = ModelSpecification.model_validate(
+            {"name": "m", "likelihood": likelihood, "gain_error": gain_error}
+        )
         self._model = None
 
     def __call__(self, dataset: Dataset) -> Prepared:
@@ -132,6 +136,49 @@ def test_a_gain_five_percent_off_is_named(impact: Prepare, good: Dataset) -> Non
     assert (found["passed"], found["error"], found["kind"]) == (False, AMPLITUDE, "all")
     assert found["relative"] == pytest.approx(0.05, abs=0.02)
     assert "reads" in found["words"]
+
+
+@pytest.mark.parametrize("likelihood", list(_PREPARE))
+def test_a_gain_of_all_impacts_counts_once(likelihood: str) -> None:
+    """Of twelve impacts; the same error in each by itself would be 3.5 standard deviations of their mean."""
+    shared, declared = Prepare(likelihood, "all"), 0.005
+    exact = recorded(recording={"relative_gain_sd": 0.0})
+    exact = exact.with_settings(
+        uncertainty=exact.uncertainty.model_copy(update={"relative_gain_sd": declared})
+    )
+
+    def through(gain: float) -> Dataset:
+        return replace(exact, traces=[Trace(trace.time_s, gain * trace.value) for trace in exact.traces])
+
+    told = normal(np.log1p(declared), 1e-3)
+    assert judge(shared(through(1 + declared)), None, told) == {"passed": True, "of": 12}
+    # One velocity that is wrong besides, and a gain that is another than was declared.
+    wrong = np.where(np.arange(12) == 7, 1.1, 1.0)
+    found = judge(shared(with_column(through(1 + declared), "velocity_m_s", wrong)), None, told)
+    assert found["passed"] is False
+    assert exact.impacts["impact"].iloc[7] in found["impacts"]
+    assert len(found["impacts"]) <= 4
+    found = judge(shared(through(1.05)))
+    assert (found["passed"], found["error"], found["kind"]) == (False, AMPLITUDE, "all")
+    assert found["relative"] == pytest.approx(0.05, abs=0.02)
+
+
+def test_the_gain_that_a_fit_tells_is_believed_as_far_as_it_was_declared(good: Dataset) -> None:
+    prepared = Prepare("impact", "all")(good)
+    rng, prior = np.random.default_rng(1), prepared.model.priors.log_gain
+
+    def common(mean: float, sd: float) -> tuple[float, float]:
+        drawn = mean + sd * rng.standard_normal((2, 2000))
+        posterior = xr.Dataset({"log_gain_mean": (("chain", "draw"), drawn)})
+        found = common_gain(prepared, xr.DataTree.from_dict({"posterior": posterior}))
+        assert found is not None
+        return found.mean, found.sd
+
+    assert common(0.008, 0.001) == pytest.approx((0.008, 0.001), abs=1e-4)
+    # Four standard deviations off, and nothing told.
+    assert common(0.02, 0.001) == (prior.mean, prior.sd)
+    assert common(0.0, prior.sd) == pytest.approx((0.0, prior.sd), abs=4e-4)
+    assert common_gain(_PREPARE["impact"](good), xr.DataTree()) is None
 
 
 def test_a_zero_that_moves_at_contact_is_named(impact: Prepare, good: Dataset) -> None:

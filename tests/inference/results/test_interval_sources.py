@@ -50,7 +50,7 @@ def planned(masses: np.ndarray, **model: Any) -> Prepared:
     found = read_specification(resources.shared("models", "impact.toml"))
     both = "(1|subject) + (1|trial)"
     formula = found.formula.model_copy(update={"K": both, "C": both})
-    found = found.model_copy(update={"formula": formula, **model})
+    found = found.model_copy(update={"formula": formula, "gain_error": "impact", **model})
     return prepare(made.dataset("x"), found, source="the model file")
 
 
@@ -184,6 +184,28 @@ def test_a_trace_alone_has_its_own_errors_and_the_mass_s(given, u, table) -> Non
         measured = np.median(N[:, place, place] + 0.002**2)
         # Where the population would add a millionth of what it says.
         assert sources.measurement_sd(table.reset_index(), q) == pytest.approx(np.sqrt(measured), rel=1e-3)
+
+
+def test_a_gain_of_all_impacts_is_a_source_by_itself(given: Prepared, u: np.ndarray) -> None:
+    shared = planned(np.full(CONDITIONS, 0.7), gain_error="all")
+    draws = drawn(shared, np.insert(u, 3, 0.0, axis=1))
+    spread = {"sd_log_gain": np.full((2, 50), 1e-3), "log_gain_mean": 0.004 * draws.population["intercept_K"]}
+    draws = replace(draws, population=draws.population | spread)
+    found, own = (
+        uncertainty_budget(prepared, of).set_index(["level", "quantity", "source"])
+        for prepared, of in ((shared, draws), (given, drawn(given, u)))
+    )
+    for q in "KC":
+        # What a trace alone leaves open is the same, whoever else has the error.
+        whole, by_itself = (table.loc[("trace alone", q, "all"), "sd"] for table in (found, own))
+        assert_allclose(whole, by_itself, rtol=0.01)
+        gain, velocity = (
+            found.loc[("trace alone", q, name), "sd"] for name in ("gain of all impacts", "velocity and gain")
+        )
+        together = own.loc[("trace alone", q, "velocity and gain"), "sd"]
+        assert_allclose(np.hypot(gain, velocity), together, rtol=0.02)
+    told = found.drop(index=["all", "as drawn"], level="source")
+    assert_allclose(told.groupby(level=["level", "quantity"])["share"].sum(), 1.0, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("whose", "errors"), [("subject", PEOPLE), ("mass", CONDITIONS)])

@@ -12,6 +12,9 @@ declared, and where e is far out the noise takes up a part of it besides: it ala
 impacts z had the mean -0.01 and the standard deviation 1.02 by the likelihood "impact", 0.00 and 0.88 by
 "arma".
 
+A gain that errs alike in all impacts is no error of each: they are judged at the gain that all recordings
+together tell, if that is credible by what was declared, or else at the declared one.
+
 A wrong mass does not show: it makes K and C of an impact wrong by one factor, and its trace no other.
 """
 
@@ -24,8 +27,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+import xarray as xr
 from jax import Array
 from jaxtyping import Float
+from scipy.stats import norm
 
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence
@@ -35,12 +40,16 @@ from bayestissue.inference.checking.incredible import ErrorPattern, Groups
 from bayestissue.inference.checking.model_form import LIMIT, judged_at
 from bayestissue.inference.execution.compiling import by_row, padded
 from bayestissue.inference.execution.kept import some_impacts, some_of
-from bayestissue.inference.factors.expansions import expanded, first_guess, rows_of
-from bayestissue.inference.factors.sites import laplace_sites, weak_prior
+from bayestissue.inference.factors.conditional import ConditionalPrior
+from bayestissue.inference.factors.expansions import first_guess, laplace_of_all, rows_of
+from bayestissue.inference.factors.sites import weak_prior
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.priors import Normal, normal
+from bayestissue.model.hierarchy.responses import intercept
 from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.model.hierarchy.trace_models import (
+    GAIN,
     TraceData,
     TraceModel,
     trace_likelihood,
@@ -105,13 +114,34 @@ class Freed:
         return np.sign(self.error) * size
 
 
-def judge(prepared: Prepared, expansions: GaussianFactor | None = None) -> dict[str, Any]:
+def common_gain(prepared: Prepared, posterior: xr.DataTree) -> Normal | None:
+    """The log of the gain that all impacts share, as they are judged at it; None where each has its own.
+
+    It is the fit's, if its distance from 0 is credible by what was declared of it. What the recordings alone
+    say of it, m with a standard deviation t, is the posterior less the prior.
+    """
+    if not prepared.model.gain:
+        return None
+    declared, drawn = prepared.model.priors.log_gain, posterior["posterior"][intercept(GAIN)].to_numpy()
+    precision = 1 / drawn.var()
+    told = precision - declared.sd**-2
+    if told > 0:
+        z = drawn.mean() * precision / told / np.hypot(declared.sd, told**-0.5)
+        if abs(z) > norm.isf(incredible.RATE / len(JUDGED) / 10):
+            return declared
+    return normal(float(drawn.mean()), float(drawn.std()))
+
+
+def judge(
+    prepared: Prepared, expansions: GaussianFactor | None = None, log_gain: Normal | None = None
+) -> dict[str, Any]:
     """The entry ``measuring_chain`` of ``diagnostics.json``.
 
     Args:
         prepared: a model of recorded decelerations, without a discrepancy, and its data; of many impacts
             some are asked.
-        expansions: `expanded` of the same, if it is at hand.
+        expansions: `expanded` of the same, if it is at hand; of impacts that share a gain none are used.
+        log_gain: of the gain that all impacts share, see `common_gain`; left out, as declared.
 
     Returns:
         Nothing of an element with further parameters, which may do much the same to a trace as another
@@ -132,12 +162,17 @@ def judge(prepared: Prepared, expansions: GaussianFactor | None = None) -> dict[
     rows = some_impacts(len(prepared.impacts))
     prepared = some_of(prepared, rows)
     groups = {kind: pd.factorize(prepared.impacts[kind].astype(str))[0] for kind in _GROUPS}
-    expansions = expanded(prepared) if expansions is None else rows_of(expansions, rows)
-    errors = {name: freed(prepared, name, expansions) for name in JUDGED}
+    if expansions is None or prepared.model.gain:
+        expansions = _at_gain(prepared, with_normal_errors(prepared.data), log_gain)[0]
+    else:
+        expansions = rows_of(expansions, rows)
+    errors = {name: freed(prepared, name, expansions, log_gain) for name in JUDGED}
     patterns = {name: _pattern(freed_error, groups) for name, freed_error in errors.items()}
     if not any(patterns.values()):
         return {"passed": True, "of": len(prepared.impacts)}
-    return _account(prepared, groups, expansions, errors, patterns)
+    contact = freed(prepared, CONTACT, expansions, log_gain)
+    errors, patterns = {**errors, CONTACT: contact}, {**patterns, CONTACT: _pattern(contact, groups)}
+    return _account(prepared, expansions, errors, patterns)
 
 
 def _pattern(freed_error: Freed, groups: Groups) -> ErrorPattern | None:
@@ -149,13 +184,39 @@ def _pattern(freed_error: Freed, groups: Groups) -> ErrorPattern | None:
     )
 
 
-def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = None) -> Freed:
+def _at_gain(
+    prepared: Prepared, data: TraceData, log_gain: Normal | None
+) -> tuple[GaussianFactor, ConditionalPrior]:
+    """Expansions of these traces, errors normal, at a gain that all impacts share, and the prior used.
+
+    Their logs are with the gain integrated out, by Laplace's method.
+    """
+    model, start = prepared.model, first_guess(prepared)
+    prior = weak_prior(start)
+    if not model.gain:
+        return laplace_of_all(model, data, start, prior), prior
+    known, number = log_gain or model.priors.log_gain, 2 + model.nuisance.index(GAIN)
+    start[:, number] = known.mean
+    prior.precision[number, number] = known.sd**-2
+    sites = laplace_of_all(model, data, start, prior)
+    off, bend = (sites.centre[:, number] - known.mean) / known.sd, sites.precision[:, number, number]
+    lost = off**2 + np.log1p(known.sd**2 * bend)
+    return sites._replace(log_scale=sites.log_scale - lost / 2), prior
+
+
+def freed(
+    prepared: Prepared,
+    name: str,
+    expansions: GaussianFactor | None = None,
+    log_gain: Normal | None = None,
+) -> Freed:
     """One error of the chain, its declared standard deviation taken away.
 
     Args:
         prepared: the model and its data.
         name: `AMPLITUDE`, `OFFSET` or `CONTACT`.
-        expansions: `expanded` of the same, if it is at hand.
+        expansions: of the same, if they are at hand: see `judge`.
+        log_gain: as of `judge`.
     """
     data, of_chain = with_normal_errors(prepared.data), [*prepared.data.record.errors]
     column = next(number for number, error in enumerate(of_chain) if error in _COLUMN[name])
@@ -163,10 +224,11 @@ def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = Non
     sd = np.asarray(data.record.error_sd)
     unit, declared = _unit(prepared, name), sd[:, column]
     wide = np.where(np.arange(sd.shape[1]) == column, _WIDE[name] * unit[:, None], sd)
+    before = _at_gain(prepared, data, log_gain)[0] if expansions is None else expansions
+    if name == AMPLITUDE and prepared.model.gain:
+        declared = np.hypot(declared, (log_gain or prepared.model.priors.log_gain).sd * unit)
     data = replace(data, record=data.record._replace(error_sd=jnp.asarray(wide)))
-    start = first_guess(prepared)
-    prior = weak_prior(start)
-    sites = laplace_sites(prepared.model, data, start, prior)
+    sites, prior = _at_gain(prepared, data, log_gain)
     centre = np.asarray(sites.centre)
     root = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision) + prior.precision))
     z = np.random.default_rng(0).standard_normal((_DRAWS, *centre.shape))
@@ -184,8 +246,7 @@ def freed(prepared: Prepared, name: str, expansions: GaussianFactor | None = Non
     spread = np.maximum(np.ma.filled(near.std(axis=0), np.nan), 1e-12 * unit)
     # With an error so wide a normal likelihood is z^2 / 2 - log(wide / expected sd) above that as declared.
     occam = np.log(_WIDE[name] * unit / np.hypot(spread, declared))
-    before = np.asarray((expansions or expanded(prepared)).log_scale)
-    gain = np.asarray(sites.log_scale) + occam - before
+    gain = np.asarray(sites.log_scale) + occam - np.asarray(before.log_scale)
     return Freed(error, spread, declared, unit, centre, gain)
 
 
@@ -221,14 +282,11 @@ def _errors(
 
 def _account(
     prepared: Prepared,
-    groups: Groups,
     expansions: GaussianFactor,
     errors: dict[str, Freed],
     patterns: dict[str, ErrorPattern | None],
 ) -> dict[str, Any]:
     """Which error explains best what the traces contradict, and what it does."""
-    contact = freed(prepared, CONTACT, expansions)
-    errors, patterns = {**errors, CONTACT: contact}, {**patterns, CONTACT: _pattern(contact, groups)}
     # Over the way to the peak they do much the same to a trace: the velocity is named first unless another
     # is clearly the better account.
     gain = {key: errors[key].gain.sum() for key, pattern in patterns.items() if pattern is not None}

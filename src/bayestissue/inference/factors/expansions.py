@@ -39,6 +39,9 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     damping = np.where(np.isfinite(C) & (0.02 * lightly < C), C, lightly)
     guess = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
     columns = [*(np.log(np.asarray(values)) for values in guess), _noise(prepared, fit)]
+    if fit is not None and prepared.model.kind == "arma":
+        # artanh has no value at -1 and 1, where point estimates like to lie.
+        columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     if prepared.model.contact:
         interval = signal.contact.interval_s > 0
@@ -47,14 +50,12 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
                 interval, signal.contact.since_s / np.where(interval, signal.contact.interval_s, 1) - 0.5, 0
             )
         )
+    columns += [np.zeros(len(stiffness))] * prepared.model.gain
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     if prepared.force is not None:
         # Tissue that moves along accounts for what the force is more.
         ratio = prepared.force.log_ratio * (not tells_added_mass(prepared.force, which.name))
         columns += [prepared.force.log_noise - np.asarray(prepared.data.log_peak), ratio]
-    if fit is not None and prepared.model.kind == "arma":
-        # artanh has no value at -1 and 1, where point estimates like to lie.
-        columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))
     return np.stack(columns, axis=1)
 
 

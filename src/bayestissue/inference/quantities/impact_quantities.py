@@ -96,6 +96,7 @@ class Impacts:
                 later = data.record.first_time - likelihood.record.first_time
                 errors = errors.at[:, CONTACT].add(later)
             velocity_error = data.record.velocity_error(errors, velocity_key)
+            errors = _with_gain(model, data, u, errors)
             return cls(model, data, u, mass_error, errors, velocity_error)
         stated = impact_likelihood(model, data, u)
         located = stated.with_contact_found(key)
@@ -108,6 +109,7 @@ class Impacts:
         measured = located.as_drawn(errors[:, CONTACT])
         errors = errors.at[:, CONTACT].add(data.record.first_time - located.record.first_time)
         velocity_error = data.record.velocity_error(errors, velocity_key)
+        errors = _with_gain(model, data, u, errors)
         return cls(model, data, u, mass_error, errors, velocity_error, measured, delta)
 
     @cached_property
@@ -206,6 +208,14 @@ class Impacts:
         if self.side_by_side or self.outcomes is None:
             return self.physical.zeta
         return self.outcomes.C_equivalent / (2 * jnp.sqrt(self.outcomes.K_secant * self.inertia))
+
+
+def _with_gain(
+    model: TraceModel, data: TraceData, u: list[Array], errors: Float[Array, "impact error"]
+) -> Float[Array, "impact error"]:
+    """The chain's errors, that of a gain which all impacts share counted in."""
+    log_gain = model.log_gain(u)
+    return errors if log_gain is None else errors + data.record.of_gain(log_gain)
 
 
 def _comparable(impacts: Impacts, name: str) -> Array | None:

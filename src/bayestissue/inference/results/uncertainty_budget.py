@@ -36,15 +36,16 @@ from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.model.hierarchy.gaussian.covariances import Covariances
 from bayestissue.model.hierarchy.population import MASS_ERROR, Hyperparameters
-from bayestissue.model.hierarchy.responses import RESPONSES
+from bayestissue.model.hierarchy.responses import RESPONSES, intercept
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.trace_models import TraceModel
+from bayestissue.model.hierarchy.trace_models import GAIN, TraceModel
 
 type Variance = float | Float[np.ndarray, " impact"]
 
 IMPACT, TYPICAL_PERSON, NEW_PERSON = "impact", "typical person", "new person"
 TRACE = "trace alone"
 MASS, SHAPE = "mass", "element's parameters"
+COMMON_GAIN = "gain of all impacts"
 IMPACTS, PEOPLE, CONDITIONS, PRIORS = "impacts", "people", "conditions", "priors"
 PERSON_AND_CONDITION = "person and condition"
 ALL, DRAWN = "all", "as drawn"
@@ -56,10 +57,15 @@ _NUISANCE = {
     "noise": NOISE,
     "atanh_theta1": NOISE,
     "contact": "contact moment",
+    GAIN: COMMON_GAIN,
     "discrepancy": ELEMENT,
     "noise_force": NOISE,
     "log_force_ratio": NOISE,
 }
+
+
+# Parts of b that are errors which impacts share.
+_SHARED = {MASS_ERROR: MASS, intercept(GAIN): COMMON_GAIN}
 
 
 def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
@@ -89,12 +95,17 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
     own_mass = part.model.own_mass_sd**2 * np.pad(np.ones((2, 2)), (0, u.shape[1] - 2))
     measured = {**errors.parts, MASS: np.broadcast_to(own_mass, errors.total.shape)}
     drawn = {q: np.var(np.log(draws.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
+    if many and part.model.gain:
+        # Of what the population leaves open the gain alone counts then, as the draws have it.
+        drawn_gain = np.var(draws.population[intercept(GAIN)])
+        of_gain = np.where(middle.effects[COMMON_GAIN] > 0, drawn_gain, 0.0)
+        middle = middle._replace(effects={**middle.effects, COMMON_GAIN: of_gain})
     of_impacts = _of_impacts(middle._replace(measured=measured), float(not many))
     known = [*measured, *middle.scatter, *[PERSON_AND_CONDITION] * (not many)]
-    of_traces = {name: np.diagonal(part, axis1=1, axis2=2) for name, part in measured.items()}
+    of_traces = _of_traces(part.model, measured)
     tables = [
         _shares(IMPACT, _with_masses(_by_response(of_impacts, known), draws), drawn),
-        _shares(TRACE, _by_response(of_traces, measured)),
+        _shares(TRACE, _by_response(of_traces, of_traces)),
     ]
     typical = {q: float(np.var(typical_logs(prepared.design, draws.population, q))) for q in RESPONSES}
     means: dict[str, dict[str, Any]] = {q: {PERSON_AND_CONDITION: typical[q]} for q in RESPONSES}
@@ -191,10 +202,10 @@ def _variances(prepared: Prepared, hyperparameters: Hyperparameters) -> _Varianc
     design, locations, sources = prepared.data.design, prepared.model.locations, _sources(prepared)
     arrays = _dense(prepared.model, design._replace(cell=np.zeros(0, int)), hyperparameters)
     covariances, columns = jax.device_get(arrays)
-    names = (MASS, PEOPLE, CONDITIONS, *sources.values(), PRIORS)
+    names = (*_SHARED.values(), PEOPLE, CONDITIONS, *sources.values(), PRIORS)
     effects = {name: np.zeros(locations.size) for name in names}
     for part in locations.blocks:
-        source = MASS if part.name == MASS_ERROR else sources[part.spread] if part.spread else PRIORS
+        source = sources.get(part.spread, _SHARED.get(part.name, PRIORS))
         rows = locations.parts[part.name]
         effects[source][rows] = covariances.locations[rows] ** 2
     columns = columns[..., np.asarray(design.cell)].transpose(2, 0, 1)
@@ -229,26 +240,47 @@ def _of_impacts(
 ) -> dict[str, Float[Array, "impact parameter"]]:
     """Each source's part of the variance of the impacts' parameters.
 
-    Of what is not known of b that of errors of masses counts by itself, the rest is `PERSON_AND_CONDITION`.
-    Where the data are not ``whole`` but 0 that rest counts as known, and of errors of masses that impacts
-    share all that the dataset declares is left.
+    Of what is not known of b that of errors that impacts share counts by itself, the rest is
+    `PERSON_AND_CONDITION`. Where the data are not ``whole`` but 0 that rest counts as known, and of errors of
+    masses that impacts share all that the dataset declares is left.
     """
     one = variances.as_they_are()
     measured, scatter, _ = variances.at(one)
     told = whole * _told(variances, measured + scatter)
-    left_open = whole * measured @ jnp.linalg.inv(measured + scatter) @ variances.columns
+    of_gain = variances.effects[COMMON_GAIN] > 0
+    counts = jnp.where(of_gain, 1.0, whole)
+    left_open = measured @ jnp.linalg.inv(measured + scatter) @ (counts * variances.columns)
     # K and C are those at the true mass: what is recorded, and its error.
     pulled = left_open - jnp.where(variances.effects[MASS] > 0, variances.columns, 0.0)
 
     def variance(factor: dict[str, Array]) -> Array:
         measured, scatter, _ = variances.at(factor)
         given_means = jnp.linalg.inv(jnp.linalg.inv(scatter) + jnp.linalg.inv(measured))
-        _, _, effects = variances.at(one | {MASS: factor[MASS]})
+        _, _, effects = variances.at(one | {name: factor[name] for name in _SHARED.values()})
         covariance = jnp.linalg.inv(told + jnp.diag(1 / effects))
         return jnp.diagonal(given_means, axis1=1, axis2=2) + ((pulled @ covariance) * pulled).sum(-1)
 
     parts = jax.jacfwd(variance)(one)
     return parts | {PERSON_AND_CONDITION: variance(one) - sum(parts.values())}
+
+
+def _of_traces(
+    model: TraceModel, measured: Mapping[str, Float[np.ndarray, "impact parameter parameter"]]
+) -> dict[str, Float[np.ndarray, "impact response"]]:
+    """Each source's part of the variances that the traces alone leave log K and log C.
+
+    A trace tells a gain that all impacts share beside its own K and C, and declared is a standard deviation
+    s: of the estimates e, and N their covariance, e - N_g / (N_gg + s^2) e_g is left.
+    """
+    if not model.gain:
+        return {name: np.diagonal(part[:, :2, :2], axis1=1, axis2=2) for name, part in measured.items()}
+    at, variance = 2 + model.nuisance.index(GAIN), model.priors.log_gain.sd**2
+    total = sum(measured.values(), np.zeros(()))
+    taken = total[:, :2, at] / (total[:, at, at] + variance)[:, None]
+    unit = np.eye(total.shape[-1])
+    left = unit[:2] - taken[..., None] * unit[at]
+    parts = {name: np.einsum("irp,ipq,irq->ir", left, part, left) for name, part in measured.items()}
+    return parts | {COMMON_GAIN: taken**2 * variance}
 
 
 def _told(variances: _Variances, covariance: Array) -> Float[Array, "location location"]:

@@ -29,6 +29,7 @@ from bayestissue.recordings.signal import SignalOptions
 Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
 Discrepancy = Literal["automatic", "none", "always"]
 MassError = Literal["impact", "mass", "subject", "all"]
+GainError = Literal["all", "impact"]
 REACH_PEAK = ("peak", "rebound")
 _SAID = sentences(__package__)
 
@@ -124,6 +125,8 @@ class ModelSpecification(TomlTable):
             each, and impacts of the same mass in the table share one error. subject: the mass is a person's,
             such as an effective mass, and its error the same in all of the person's impacts. all: one
             impactor, or one balance, and the same error in all impacts.
+        gain_error: all: one sensor, whose gain errs by one factor in all impacts. impact: every impact's gain
+            has an error of its own.
         priors: what is believed before the data are seen, on the log scale.
         practical_equivalence: which differences count as none in practice.
         comparison: other explanations of the same data.
@@ -145,6 +148,7 @@ class ModelSpecification(TomlTable):
     formula: Formulas = Formulas()
     residual_correlation: bool = True
     mass_error: MassError = "impact"
+    gain_error: GainError = "all"
     priors: Priors = Priors()
     practical_equivalence: PracticalEquivalence = PracticalEquivalence()
     comparison: CompetingFormulas = CompetingFormulas()
@@ -219,9 +223,9 @@ class ModelSpecification(TomlTable):
         return self
 
     def alone(self) -> Self:
-        """Of one impact by itself, whose error of mass is its own, whoever shares it."""
+        """Of one impact by itself, whose errors of mass and gain are its own, whoever shares them."""
         by_itself = {"formula": Formulas(K="1", C="1"), "discrepancy": "none", "mass_error": "impact"}
-        return self.model_copy(update=by_itself)
+        return self.model_copy(update=by_itself | {"gain_error": "impact"})
 
     @property
     def may_add_discrepancy(self) -> bool:

@@ -171,6 +171,13 @@ def assemble(
     if force is not None and tells_added_mass(force, specification.element):
         declared = max(float(np.hypot(force.mass_sd, force.gain_sd)), _LEAST_RATIO_SD)
         priors = priors.model_copy(update={"log_force_ratio": normal(0.0, declared)})
+    gain_sd = float(_common_gain_sd(dataset, specification))
+    if gain_sd and "log_gain" not in specification.priors.model_fields_set:
+        priors = priors.model_copy(update={"log_gain": normal(0.0, gain_sd)})
+    if gain_sd:
+        # Each impact then has no error of it besides.
+        exact = dataset.uncertainty.model_copy(update={"relative_gain_sd": 0.0})
+        dataset = dataset.with_settings(uncertainty=exact)
     estimated = kind == "impact" and _estimates_contact(dataset, specification, signal)
     nuisance = nuisance_of(
         kind,
@@ -178,6 +185,7 @@ def assemble(
         discrepancy=discrepancy,
         force=force is not None,
         contact=estimated,
+        gain=gain_sd > 0,
     )
     # With a force the errors of mass are what it is over mass times deceleration.
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if force is None else 0.0
@@ -199,6 +207,7 @@ def assemble(
         dataset.headform,
         force is not None,
         estimated,
+        gain_sd > 0,
     )
     record, peak = _record(dataset, specification, signal, force)
     data = TraceData(
@@ -218,6 +227,13 @@ def assemble(
         common_mass_sd=common_mass_sd,
         mass_group=masses and masses.code,
     )
+
+
+def _common_gain_sd(dataset: Dataset, specification: ModelSpecification) -> float:
+    """Standard deviation of the gain's error that is one of all impacts; 0 where each has its own."""
+    shared = specification.gain_error == "all" and len(dataset.impacts) > 1
+    told = dataset.quantity != "displacement" and element(specification.element).added_mass is None
+    return dataset.uncertainty.relative_gain_sd if shared and told else 0.0
 
 
 def in_proportion_to_mass(of_element: str) -> tuple[str, ...]:

@@ -46,13 +46,15 @@ NUISANCE: dict[str, tuple[str, ...]] = {
 }
 # So many sampling intervals before the middle of its own contact is.
 CONTACT = "contact"
+# Of recorded over true deceleration, where one sensor errs by one factor in all impacts.
+GAIN = "log_gain"
 # Of a force beside the deceleration: its noise, and it over mass times deceleration.
 FORCE = ("noise_force", "log_force_ratio")
 Record = DisplacementRecord | DecelerationRecord
 LOG_2 = 0.6931471805599453
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
-    *("element", "discrepancy", "headform", "force", "contact"),
+    *("element", "discrepancy", "headform", "force", "contact", "gain"),
 ]
 
 
@@ -136,7 +138,8 @@ class TraceModel(Hierarchy):
     Whether impacts share the errors of their masses, ``locations`` says. ``element`` is what the impactor
     meets, ``discrepancy`` whether it meets something else besides, ``headform`` whether what hits stands for
     a head, ``force`` whether a force was recorded beside the deceleration, ``contact`` whether its place in a
-    sampling interval is a parameter of each impact.
+    sampling interval is a parameter of each impact, ``gain`` whether one error of the gain is that of all
+    impacts.
     """
 
     kind: Kind
@@ -149,12 +152,17 @@ class TraceModel(Hierarchy):
     headform: bool = False
     force: bool = False
     contact: bool = False
+    gain: bool = False
 
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
-        last = {"discrepancy": self.discrepancy, "force": self.force, "contact": self.contact}
+        last = {name: getattr(self, name) for name in ("discrepancy", "force", "contact", "gain")}
         return nuisance_of(self.kind, self.element, **last)
+
+    def log_gain(self, u: list[Array]) -> Float[Array, " impact"] | None:
+        """The parameter `GAIN` of each impact; None where the gain's error is each impact's own."""
+        return u[2 + self.nuisance.index(GAIN)] if self.gain else None
 
     @property
     def depends_on_depth(self) -> bool:
@@ -214,6 +222,7 @@ def nuisance_of(
     discrepancy: bool = False,
     force: bool = False,
     contact: bool = False,
+    gain: bool = False,
 ) -> tuple[str, ...]:
     """Names of an impact's parameters besides log K and log C.
 
@@ -221,7 +230,7 @@ def nuisance_of(
     """
     which = element_named(element)
     element_logs = [f"log_{parameter.name}" for parameter in which.extra]
-    last = [CONTACT] * contact + ["discrepancy"] * discrepancy + [*FORCE] * force
+    last = [CONTACT] * contact + [GAIN] * gain + ["discrepancy"] * discrepancy + [*FORCE] * force
     return (*NUISANCE[kind], *element_logs, *last)
 
 
@@ -232,14 +241,15 @@ def trace_likelihood(
     if model.kind == "impact":
         return impact_likelihood(model, data, u)
     at, record = physical(model, data, u), cast(DisplacementRecord, data.record)
-    return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, record)
+    return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, record, model.log_gain(u))
 
 
 def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> MeasuredImpact:
     """The likelihood of every impact's trace, of recorded decelerations."""
     log_discrepancy = u[-1] + data.log_peak if model.discrepancy else None
-    of_force = (u[-2] + data.log_peak, u[-1]) if model.force else (None, None)
-    noise = NoiseParameters(physical(model, data, u).log_sigma, log_discrepancy, *of_force)
+    force_sigma, force_ratio = (u[-2] + data.log_peak, u[-1]) if model.force else (None, None)
+    log_sigma, log_gain = physical(model, data, u).log_sigma, model.log_gain(u)
+    noise = NoiseParameters(log_sigma, log_discrepancy, force_sigma, force_ratio, log_gain)
     record = cast(DecelerationRecord, data.record)
     if model.contact:
         record = record.with_contact_earlier(u[2 + model.nuisance.index(CONTACT)])

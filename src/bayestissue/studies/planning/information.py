@@ -30,7 +30,7 @@ from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.model.hierarchy.trace_models import with_normal_errors
+from bayestissue.model.hierarchy.trace_models import GAIN, with_normal_errors
 from bayestissue.recordings.dataset.dataset_file import Gravity, LowPassFilter
 from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
 from bayestissue.studies.simulation.campaign import simulate
@@ -141,8 +141,11 @@ def information(
                 element=specification.element,
                 parameters={parameter.name: parameter.typical for parameter in further},
             ),
-            # An error of the mass is part of how impacts scatter, and not of what one impact tells.
-            "recording": simulation.recording.model_copy(update={"relative_mass_sd": 0.0}),
+            # An error of the mass is part of how impacts scatter, and not of what one impact tells; that of
+            # the gain is, and whether others share it does not show in one.
+            "recording": simulation.recording.model_copy(
+                update={"relative_mass_sd": 0.0, "gain_error": "impact"}
+            ),
         }
     )
     campaign = simulate(planned, seed)
@@ -159,7 +162,7 @@ def information(
     smooth = with_normal_errors(prepared.data)
     sites = map_impacts(partial(laplace_sites, prepared.model), smooth, start, prior)
     size = truth.shape[1]
-    centre, precision = without_nuisance(sites, spread)
+    centre, precision = without_nuisance(sites, sites.centre[:, 2:], spread)
     deviation = centre - truth
     calibration = float(np.einsum("ia,iab,ib->i", deviation, precision, deviation).mean() / size)
     return Information(
@@ -171,24 +174,31 @@ def told_of_tissue(
     prepared: Prepared, specification: ModelSpecification
 ) -> tuple[Float[np.ndarray, "impact 2"], Float[np.ndarray, "impact 2 2"]]:
     """What each recording tells: `without_nuisance` of its likelihood, expanded at its maximum."""
-    spread = spreads_of_nuisance(specification, prepared.model.nuisance)
-    return without_nuisance(expanded(prepared), spread)
+    model, sites = prepared.model, expanded(prepared)
+    spread, mean = spreads_of_nuisance(specification, model.nuisance), np.array(sites.centre[:, 2:])
+    if model.gain:
+        # Known as the dataset declares it, and not by each trace.
+        number = model.nuisance.index(GAIN)
+        spread[number], mean[:, number] = model.priors.log_gain.sd, model.priors.log_gain.mean
+    return without_nuisance(sites, mean, spread)
 
 
 def without_nuisance(
-    sites: GaussianFactor, spread: Float[np.ndarray, " nuisance"]
+    sites: GaussianFactor, mean: Float[np.ndarray, "impact nuisance"], spread: Float[np.ndarray, " nuisance"]
 ) -> tuple[Float[np.ndarray, "impact 2"], Float[np.ndarray, "impact 2 2"]]:
     """Centre and precision of log K and log C, the other parameters integrated out.
 
     Args:
         sites: of all parameters of each impact.
-        spread: prior standard deviation of each of the others, about the site's centre.
+        mean: of the others' prior.
+        spread: its standard deviations.
     """
     P, shift, centre = (np.asarray(part) for part in (sites.precision, sites.shift, sites.centre))
     across = np.linalg.solve(P[:, 2:, 2:] + np.diag(spread**-2.0), P[:, 2:, :2])
     precision = P[:, :2, :2] - P[:, :2, 2:] @ across
     # A site may be written about another point than its maximum.
-    gained = shift[:, :2] - np.einsum("ina,in->ia", across, shift[:, 2:])
+    pull = shift[:, 2:] - (centre[:, 2:] - mean) / spread**2
+    gained = shift[:, :2] - np.einsum("ina,in->ia", across, pull)
     return centre[:, :2] + np.linalg.solve(precision, gained[..., None])[..., 0], precision
 
 

@@ -214,7 +214,9 @@ def _truth(simulation: Simulation, impacts: pd.DataFrame, random: _Streams) -> p
     stated = impacts["mass_kg"].to_numpy() * recording.mass_factor
     mass = stated * (1 + recording.relative_mass_sd * chain.standard_normal(count))
     velocity = impacts["velocity_m_s"].to_numpy() + recording.velocity_sd_m_s * chain.standard_normal(count)
-    gain = 1 + recording.relative_gain_sd * chain.standard_normal(count)
+    # As many are drawn either way, so that what is drawn after them stays.
+    gain_errors = recording.relative_gain_sd * chain.standard_normal(count)
+    gain = 1 + (gain_errors if recording.gain_error == "impact" else np.full(count, gain_errors[0]))
     offset = recording.offset_sd_m_s2 * chain.standard_normal(count)
     since_sample = chain.uniform(size=count)
     contact = recording.before_contact_s + since_sample / rate

@@ -14,6 +14,7 @@ from bayestissue.base import runtime
 from bayestissue.base.settings import TomlTable, checked, only, read_toml
 from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.model.hierarchy.priors import term_of_group, term_of_slope
+from bayestissue.model.hierarchy.specification import GainError
 from bayestissue.recordings.dataset.dataset_file import (
     Contact,
     Finite,
@@ -239,6 +240,7 @@ class RecordedDeceleration(TomlTable):
         noise_relative_to_peak: the same as a fraction of the impact's peak; variances add up.
         offset_sd_m_s2: standard deviation of the recorder's zero.
         relative_gain_sd: standard deviation of the sensitivity, as a fraction of it.
+        gain_error: all: the sensitivity errs by one factor in all impacts. impact: in each by another.
         velocity_sd_m_s: standard deviation of the velocity at contact about the stated one.
         relative_mass_sd: standard deviation of the mass about the stated one, as a fraction of it, below 0.3.
         mass_factor: what all stated masses are to be multiplied by: 1.1 makes them 10 % too small.
@@ -254,6 +256,7 @@ class RecordedDeceleration(TomlTable):
     noise_relative_to_peak: Spread = 0.0
     offset_sd_m_s2: Spread = 0.0
     relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    gain_error: GainError = "all"
     velocity_sd_m_s: Spread = 0.0
     relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
     mass_factor: Positive = 1.0

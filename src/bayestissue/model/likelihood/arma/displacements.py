@@ -88,6 +88,12 @@ class DisplacementRecord(NamedTuple):
             "offset_error": "offset",
         }
 
+    def of_gain(self, log_gain: Float[Array, " impact"]) -> Float[Array, "impact 3"]:
+        """What a gain in error adds to the constant, the ramp and the parabola."""
+        assert self.velocity is not None  # noqa: S101 - for the type checker
+        gravity = jnp.zeros_like(log_gain) if self.gravity is None else self.gravity
+        return -jnp.expm1(log_gain)[:, None] * jnp.stack([0 * gravity, self.velocity, gravity], axis=1)
+
     def with_traces(self, traces: Float[np.ndarray, "impact sample"]) -> DisplacementRecord:
         """The record of other traces."""
         same = map(np.asarray, (self.n_samples, self.first_time, self.dt, self.error_sd))
@@ -165,6 +171,7 @@ class MeasuredDisplacement(MeasuredTraces):
         theta1: moving-average coefficient, or None: that of the sampled A(2) (thesis, section 2.11).
         log_sigma: log of the shocks' standard deviation [m].
         record: see `displacement_record`.
+        log_gain: log of recorded over true deceleration; None where its error is among those of the chain.
     """
 
     omega_n: Float[Array, " impact"]
@@ -172,6 +179,7 @@ class MeasuredDisplacement(MeasuredTraces):
     theta1: Float[Array, " impact"] | None
     log_sigma: Float[Array, " impact"]
     record: DisplacementRecord
+    log_gain: Float[Array, " impact"] | None = None
 
     @property
     def errors(self) -> Errors:
@@ -196,16 +204,17 @@ class MeasuredDisplacement(MeasuredTraces):
     def _mixture(self, c1: Array, c2: Array) -> list[list[Any]]:
         """How residual and errors are made of these series.
 
-        Of w less gravity's constant c2 x_e, and of what the constant, the ramp and half the parabola become:
-        c2, c1 dt + c2 t, and dt^2 + c1 dt (t + dt / 2) + c2 t^2 / 2, all at t - 2.
+        Of w less gravity's constant c2 x_e and what a gain adds, and of what the constant, the ramp and half
+        the parabola become: c2, c1 dt + c2 t, and dt^2 + c1 dt (t + dt / 2) + c2 t^2 / 2, all at t - 2.
         """
         dt = self.record.dt
-        return [
-            [1.0, -c2 * self.equilibrium()],
-            [0.0, c2],
-            [0.0, c1 * dt, c2],
-            [0.0, dt**2 * (1 + c1 / 2), c1 * dt, c2 / 2],
-        ]
+        ramp, parabola = [c1 * dt, c2], [dt**2 * (1 + c1 / 2), c1 * dt, c2 / 2]
+        residual: list[Any] = [1.0, -c2 * self.equilibrium()]
+        if self.log_gain is not None:
+            _, r, q = self.record.of_gain(self.log_gain).T
+            of_ones, of_t = residual[1] - r * ramp[0] - q * parabola[0], -r * ramp[1] - q * parabola[1]
+            residual = [1.0, of_ones, of_t, -q * parabola[2]]
+        return [residual, [0.0, c2], [0.0, *ramp], [0.0, *parabola]]
 
     def products(self) -> Products:
         """From those of the series, in one pass over frequencies."""
@@ -241,6 +250,8 @@ class MeasuredDisplacement(MeasuredTraces):
         c1, c2, theta1 = self.differences()
         shape, width = (*sample_shape, len(record.x)), record.x.shape[1]
         errors = self.prior_errors(key_of_errors, sample_shape)
+        if self.log_gain is not None:
+            errors = errors + record.of_gain(self.log_gain)
         time = record.first_time[:, None] + jnp.arange(width) * record.dt[:, None]
         e0, e1, e2 = (errors[..., i, None] for i in range(3))
         added = e0 + e1 * time + e2 * time**2 / 2 + self.equilibrium()[:, None]

@@ -136,12 +136,14 @@ def log_density(traces: CompressedTraces, impacts: MeasuredImpact) -> Float[Arra
         impacts: of the record that they were made of, or of one with another moment of contact.
     """
     record, lanes = impacts.record, traces.later.shape[-1]
-    of_impacts = (*_coefficients(impacts), traces.half, record.first_time, record.velocity, record.gravity)
+    log_sigma, log_gain = impacts.noise_parameters.log_sigma, impacts.noise_parameters.log_gain
+    gain = jnp.ones_like(log_sigma) if log_gain is None else jnp.exp(log_gain)
+    of_motion = (*_coefficients(impacts), traces.half, record.first_time, record.velocity, record.gravity)
+    of_impacts = (*of_motion, gain)
     blocks = (*traces[:3], *(values.reshape(-1, lanes) for values in of_impacts))
     entries = jax.lax.map(partial(_sums, gain=not record.side_by_side), blocks)
     of_residual, *others = (entry.ravel() for entry in entries)
     gram = from_lower_entries([of_residual + traces.left, *others])
-    log_sigma = impacts.noise_parameters.log_sigma
     products = Products.of_unit_noise(gram, jnp.zeros_like(log_sigma), traces.n_samples, log_sigma)
     return marginal_log_likelihood(products, impacts.errors) + record.log_seen_in_interval()
 
@@ -152,12 +154,13 @@ def _sums(block: tuple[Array, ...], *, gain: bool) -> tuple[Float[Array, " lane"
     The columns are those of a discrepancy's modes, and as `DecelerationRecord.error_sd` has them, with one of
     the ``gain`` by itself or without.
     """
-    later, root_weight, values, p, q, half, first_time, velocity, gravity = block
-    x, v = (root_weight * part for part in _unit_motion(later, p, q, half, first_time))
+    later, root_weight, values, p, q, half, first_time, velocity, gravity, scale = block
+    shown = scale * root_weight
+    x, v = (shown * part for part in _unit_motion(later, p, q, half, first_time))
     # Without the barrier they are made anew in every product.
     x, v = jax.lax.optimization_barrier((x, v))
     unit = p * v + q * x
-    d = velocity * unit + gravity * (root_weight - v)
+    d = velocity * unit + gravity * (shown - v)
     jerk = velocity * (q * v - p * unit) + gravity * unit
     trace, *modes = values
     parts = [trace - d, *modes, unit, *[d] * gain, root_weight, -jerk]

@@ -42,12 +42,14 @@ class NoiseParameters(NamedTuple):
         log_discrepancy: log of the discrepancy's rms [m/s^2]; None without one.
         log_force_sigma: of the noise of a force over mass [m/s^2]; None without one.
         log_force_ratio: log of that force over recorded mass times deceleration; None without one.
+        log_gain: log of recorded over true deceleration; None where its error is among those of the chain.
     """
 
     log_sigma: Float[Array, " impact"]
     log_discrepancy: Float[Array, " impact"] | None = None
     log_force_sigma: Float[Array, " impact"] | None = None
     log_force_ratio: Float[Array, " impact"] | None = None
+    log_gain: Float[Array, " impact"] | None = None
 
 
 class Cells(NamedTuple):
@@ -91,8 +93,9 @@ class MeasuredImpact(MeasuredTraces):
         return jnp.exp(self.noise_parameters.log_sigma)
 
     def response(self) -> Response:
-        """See `response`."""
-        return response(self.element, self.parameters, self.record)
+        """See `response`; as the sensor shows it, whose gain is in error."""
+        true, gain = response(self.element, self.parameters, self.record), self.noise_parameters.log_gain
+        return true if gain is None else true.recorded(jnp.exp(gain))
 
     @property
     def errors(self) -> Errors:

@@ -322,6 +322,11 @@ class DecelerationRecord(NamedTuple):
             return _WITH_FORCE
         return _MERGED if self.side_by_side else _SEPARATE
 
+    def of_gain(self, log_gain: Float[Array, " impact"]) -> Float[Array, "impact error"]:
+        """What a gain in error adds to the errors of the chain, the velocity's where that is one with it."""
+        column, unit = (VELOCITY, self.velocity) if self.side_by_side else (GAIN, 1.0)
+        return jnp.zeros_like(self.error_sd).at[:, column].set(unit * jnp.expm1(log_gain))
+
     def velocity_error(self, errors: Float[Array, "impact error"], key: Array) -> Float[Array, " impact"]:
         """A draw of the error of the recorded velocity given those of the chain [m/s]."""
         return part_of(errors[:, VELOCITY], self.error_sd[:, VELOCITY], self.velocity_share, key)

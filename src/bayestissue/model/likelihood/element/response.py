@@ -56,6 +56,11 @@ class Response(NamedTuple):
     jerk: Float[Array, "impact *cell sample"]
     force: Response | None = None
 
+    def recorded(self, gain: Float[Array, " impact"]) -> Response:
+        """The deceleration so many times the true one; a force has a gain of its own."""
+        d, by_velocity, jerk = (gain.reshape(-1, *[1] * (part.ndim - 1)) * part for part in self[:3])
+        return Response(d, by_velocity, jerk, self.force)
+
 
 class ElementMotion(NamedTuple):
     """The element's own motion at the samples, also past a row's end.

@@ -143,6 +143,7 @@ _NAMES = {
     "velocity": "velocity at contact",
     "gain": "gain",
     "velocity and gain": "velocity at contact and gain",
+    "gain of all impacts": "gain, in error alike in all impacts",
     "offset": "offset of the recorder",
     "mass": "mass",
     "contact moment": "contact moment",

@@ -16,6 +16,8 @@ from bayestissue.reports.pages.fit.sentences import SENTENCES, said
 from bayestissue.reports.pages.page_tables import Field, Table, table_of
 from bayestissue.reports.pages.wording import percent
 
+# Parameters of impacts that not every model and dataset has.
+_OF_SOME_FITS = ("atanh_theta1", "contact", "log_gain", "discrepancy", "noise_force", "log_force_ratio")
 _MEASURED = files("bayestissue.reports.pages.fit").joinpath("coverage.csv")
 
 
@@ -48,11 +50,10 @@ def _element(run: FitRun) -> str:
 
 
 def unused_priors(run: FitRun) -> tuple[str, ...]:
-    """Priors that the model file may set and this likelihood has no use for."""
-    unused: tuple[str, ...] = () if run.likelihood == "arma" else ("atanh_theta1", "sd_atanh_theta1")
-    if not has_discrepancy(run):
-        unused = (*unused, "discrepancy", "sd_discrepancy")
-    return unused
+    """Priors that the model file may set and this fit has no use for."""
+    known = set(run.summary["variable"])
+    unused = (name for name in _OF_SOME_FITS if f"{name}_mean" not in known)
+    return tuple(prior for name in unused for prior in (name, f"sd_{name}"))
 
 
 def signal_words(run: FitRun) -> str:
