@@ -66,11 +66,7 @@ def test_what_is_wrong_is_refused_with_its_place(tmp_path: Path, text: str, colu
 
 
 def test_the_order_says_what_is_left_and_a_plan_leaves_the_people_open(tmp_path: Path) -> None:
-    rows = (
-        {"subject": "s01", "mass_kg": 0.5},
-        {"subject": "s01", "mass_kg": 0.5},
-        {"subject": "s02", "mass_kg": 1.2},
-    )
+    rows = (*({"subject": "s01", "mass_kg": 0.5} for _ in range(2)), {"subject": "s02", "mass_kg": 1.2})
     drops = [{"subject": "s01", "mass_kg": 0.5, "n": "1"}, {"subject": "s09", "mass_kg": 0.5}]
     assert Order(rows).left(drops) == {1: rows[1], 2: rows[2]}
     planned = Order(rows, people_named=False)

@@ -13,6 +13,7 @@ import pytest
 from scipy.stats import binom
 
 from bayestissue.inference.single.impact_estimates import estimate
+from cases import cases
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
@@ -82,22 +83,7 @@ def test_nine_in_ten_spoilt_recordings_that_move_K_or_C_are_found(spoilt):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    ("kind", "flag"),
-    [
-        ("clipped, noise behind it", ("no force of depth",)),
-        ("begins 1 ms late", ("begins above zero",)),
-        ("begins 2 ms late", ("begins above zero",)),
-        ("begins 4 ms late", ("begins above zero",)),
-        ("spike before contact", ("a spike",)),
-        ("zero moves during the impact", ("the zero after contact",)),
-        ("hum of 50 Hz", ("hum", "drift")),
-        ("hum of 60 Hz", ("hum", "drift")),
-        ("drift", ("drift",)),
-        ("samples repeated", ("samples that repeat",)),
-        ("coarse steps", ("steps of the recorder",)),
-    ],
-)
+@pytest.mark.parametrize(("kind", "flag"), cases(__file__, "named"))
 def test_a_spoilt_recording_is_called_by_its_name(spoilt, kind, flag):
     mine = spoilt.loc[(spoilt["kind"] == kind) & (spoilt["off"] > 0.05), "flags"]
     named = sum(any(words in text for words in flag) for text in mine)

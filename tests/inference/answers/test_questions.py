@@ -12,6 +12,7 @@ from bayestissue import Fit, read_run
 from bayestissue.base.errors import InputError
 from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.answers.questions import ask, ask_what_can_be, numbered, of_model
+from cases import cases
 from make_fit_run import make_fit_run
 
 
@@ -89,19 +90,7 @@ def test_what_quantities_mean(run: Fit, draws: xr.Dataset) -> None:
 
 @pytest.mark.slow
 def test_a_number_has_the_unit_of_its_quantities_where_they_share_one(run: Fit) -> None:
-    expected = {
-        "K": "N/m",
-        "C[subject=s1]": "N s/m",
-        "K[impact=t0-s1]": "N/m",
-        "mean(K[subject])": "N/m",
-        "max(K_subject) - min(K_subject)": "N/m",
-        "abs(K[subject=s1] - K[subject=s2])": "N/m",
-        "K[subject=s1] / K[subject=s2]": "",
-        "K / 1000": "",
-        "K + C": "",
-        "mass_exponent_K": "",
-        "K > 2000": "",
-    }
+    expected = dict(cases(__file__, "units"))
     assert run.ask(*expected).set_index("question")["unit"].to_dict() == expected
 
 
@@ -122,20 +111,13 @@ def test_a_run_without_prior_draws_says_so(run: Fit) -> None:
 
 
 def test_all_that_is_wrong_is_told_with_its_place_and_near_names(run: Fit) -> None:
+    asked = cases(__file__, "wrong")
     with pytest.raises(InputError) as error:
-        run.ask("K[subject=s7] > 1", "K > 2000", "K_subjct > 3", "K[shoe=1]", "K[subject]", "K[mass_kg=-1]",
-                "mean(K[subject] / K[trial])", "log(mass_exponent_K)", "K >")  # fmt: skip
+        run.ask(*(question for question, _ in asked))
     told = [str(problem) for problem in error.value.problems]
-    assert len(told) == 8
-    assert 'question 1, column 11: found "s7"; expected a level of subject: s0, s1, s2, s3' in told[0]
+    for text, words in zip(told, [words for _, words in asked if words], strict=True):
+        assert words in text
     assert told[0].splitlines()[1:] == ["    K[subject=s7] > 1", "    " + 10 * " " + "^"]
-    assert "Near: K_subject" in told[1]
-    assert "log(mass_kg) + (1|subject) + (1|trial)" in told[2]
-    assert "mean(K[subject])" in told[3]
-    assert "a mass above 0 kg" in told[4]
-    assert "3 of trial and 4 of subject" in told[5]
-    assert "no number in" in told[6]
-    assert "question 9, column 4" in told[7]
 
 
 def test_a_model_files_question_without_an_answer_says_why(run: Fit) -> None:
