@@ -76,14 +76,6 @@ az.plot_rank(run, var_names=population)
 plt.show()
 
 # %% [markdown]
-# The two densities of the energy plot should have about the same width. Where the one for the transitions is
-# much narrower, the sampler can't reach the tails.
-
-# %%
-az.plot_energy(run)
-plt.show()
-
-# %% [markdown]
 # ## The mass exponents
 #
 # The question of the whole analysis. A tissue of fixed stiffness has exponent 0. Since K = M ω², a method

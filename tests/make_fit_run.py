@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import tarfile
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -26,6 +25,7 @@ from bayestissue.inference.results.summary import summarise
 from bayestissue.model.hierarchy.derived import hypotheses
 from dataset_bench import deceleration
 from made_once import made_once, once
+from tree_file import pack, single_precision, unpack
 
 STORED = Path(__file__).with_name("finished_fit.tar.xz")
 PEOPLE, CONDITIONS, CHAINS, DRAWS, PRIOR_DRAWS = 4, 3, 2, 100, 300
@@ -55,15 +55,11 @@ def drops() -> tuple[bt.Dataset, pd.DataFrame]:
 
 
 def fit_of_drops() -> bt.Fit:
-    """By the program, with a fifth of its draws, and half of their digits, which take a third of the room."""
-
-    def single(array: xr.DataArray) -> xr.DataArray:
-        return array.astype(np.float32).astype(float) if array.dtype == np.float64 else array
-
+    """By the program, with a fifth of its draws."""
     fit = bt.fit(drops()[0], MODEL, 1, K=FORMULA, C=FORMULA)
     few = {5 * DRAWS: slice(None, None, 5), 1000: slice(PRIOR_DRAWS)}
     groups = {
-        name: group.isel(draw=few.get(group.sizes["draw"], slice(20))).map(single, keep_attrs=True)
+        name: group.isel(draw=few.get(group.sizes["draw"], slice(20))).map(single_precision, keep_attrs=True)
         for name, group in groups_of(fit).items()
         if "draw" in group.sizes
     }
@@ -73,12 +69,7 @@ def fit_of_drops() -> bt.Fit:
 @cache
 def stored_fit() -> bt.Fit:
     """The stored one, in memory."""
-
-    def unpack(folder: Path) -> None:
-        with tarfile.open(STORED) as packed:
-            packed.extractall(folder, filter="data")
-
-    fit = bt.read_run(once("stored-fit", unpack))
+    fit = bt.read_run(once("stored-fit", lambda folder: unpack(STORED, folder)))
     return replace(fit, posterior=fit.posterior.load()).complete()
 
 
@@ -248,8 +239,7 @@ def _merged(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
 
 if __name__ == "__main__":
     fit, (_, truth) = fit_of_drops(), drops()
-    with TemporaryDirectory() as name, tarfile.open(STORED, "w:xz") as packed:
+    with TemporaryDirectory() as name:
         fit.write(Path(name))
         truth.to_csv(Path(name) / "truth.csv", index=False)
-        for path in sorted(Path(name).iterdir()):
-            packed.add(path, path.name)
+        pack(Path(name), STORED)

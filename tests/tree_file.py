@@ -1,15 +1,35 @@
-"""Files of draws for tests, read at less than xarray's second each."""
+"""Draws of stored runs: few, packed, and read at less than xarray's second each."""
 
 from __future__ import annotations
 
+import tarfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import xarray as xr
+
+
+def pack(folder: Path, stored: Path) -> None:
+    """Store the files of a run."""
+    with tarfile.open(stored, "w:xz") as packed:
+        for path in sorted(folder.iterdir()):
+            packed.add(path, path.name)
+
+
+def unpack(stored: Path, folder: Path) -> Path:
+    with tarfile.open(stored) as packed:
+        packed.extractall(folder, filter="data")
+    return folder
+
+
+def single_precision(array: xr.DataArray) -> xr.DataArray:
+    """The same with half of the digits, which take a third of the room."""
+    return array.astype(np.float32).astype(float) if array.dtype == np.float64 else array
 
 
 @contextmanager

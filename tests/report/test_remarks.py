@@ -26,16 +26,17 @@ def test_who_differs_is_who_has_an_interval_without_zero(run):
 
 def test_the_best_explanation_and_its_rivals_are_named(run):
     impact, trial = posterior.best_explanations(run.comparison)
-    assert impact.startswith("Leave one impact out: “log mass” predicts best; no other comes within")
-    assert trial.endswith("Warned: high Pareto k (1 of 4 models).")
-    unsure = run.comparison.assign(se_difference=11.0)
-    assert "within two standard errors or four nats of it: mass." in posterior.best_explanations(unsure)[0]
+    assert "“log mass” predicts best; within two standard errors or four nats of it: mass and none." in impact
+    assert trial.startswith("Leave one trial out: “log mass” predicts best; no other comes within")
+    assert trial.endswith("Warned: 9 trials only: the standard errors are rough (4 of 4 models).")
+    unsure = run.comparison.assign(se_difference=1e3)
+    assert "four nats of it: mass, energy and none." in posterior.best_explanations(unsure)[1]
     # However certain, a small difference tells nothing.
     little = run.comparison.assign(se_difference=0.1, elpd_difference=-3.0)
-    assert "or four nats of it: mass" in posterior.best_explanations(little)[0]
+    assert "or four nats of it: mass" in posterior.best_explanations(little)[1]
 
 
 def test_priors_that_matter_are_named(run):
-    assert "Worth a look, of 3 posteriors: sd_trial_K" in posterior.prior_remark(run.sensitivity)
-    fine = pd.DataFrame({"variable": ["a"], "diagnosis": ["✓"]})
-    assert posterior.prior_remark(fine) == "No posterior is sensitive to its prior; looked at: 1."
+    assert posterior.prior_remark(run.sensitivity) == "No posterior is sensitive to its prior; looked at: 19."
+    doubtful = pd.DataFrame({"variable": ["a", "b"], "diagnosis": ["✓", "potential conflict"]})
+    assert "Worth a look, of 2 posteriors: b (potential conflict)" in posterior.prior_remark(doubtful)

@@ -15,7 +15,7 @@ import xarray as xr
 from bayestissue import Fit
 from bayestissue.inference.checking.findings import Finding, headline
 from bayestissue.inference.checking.model_form import stated
-from bayestissue.reports.pages.fit import answers, checks, groups, model_words
+from bayestissue.reports.pages.fit import answers, checks, groups, method_agreement, model_words
 from bayestissue.reports.pages.fit.fit_page import page_of
 from bayestissue.reports.paper import text
 from make_fit_run import CHAINS, DRAWS, PEOPLE, changed, fit_run, with_draws
@@ -23,7 +23,8 @@ from page_reader import first_screen, plain, require_whole, section
 
 # The modules of the table's expressions, by their names.
 MODULES = {
-    module.__name__.rpartition(".")[2]: module for module in (answers, checks, groups, model_words, text)
+    module.__name__.rpartition(".")[2]: module
+    for module in (answers, checks, groups, method_agreement, model_words, text)
 }
 PAGES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
