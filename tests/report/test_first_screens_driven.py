@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from test_page_words import undescribed
 
 from bayestissue.reports.pages import write_report
 from make_fit_run import fit_run
 from make_published_run import make_published_run
-from test_words import undescribed
 
 browser = pytest.importorskip(
     "browser", reason="drives a browser by websocket-client, which is not installed"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from test_page_words import FALL, OWN, heavy_drops, without_outcomes
 
 from bayestissue import Fit
 from bayestissue.reports.pages.fit import usual
 from make_fit_run import changed, fit_run, with_draws
-from test_words import FALL, OWN, heavy_drops, without_outcomes
 
 RUN = {"exponent": None, "mass_varies": False}
 # What Kinoshita et al. found of heel pads.

@@ -1,4 +1,4 @@
-"""What pages of fits, and the sentences that they are made of, say: a table each of ``test_words.toml``."""
+"""What pages of fits, and the sentences they are made of, say: tables of ``test_page_words.toml``."""
 
 from __future__ import annotations
 
