@@ -130,6 +130,18 @@ def by_probability(p: np.ndarray, true: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
+def of_bins(bins: pd.DataFrame, probability: str, number: str, true: str) -> pd.DataFrame:
+    """The table of what `by_probability` has, three of its columns by these names."""
+    return pd.DataFrame(
+        {
+            probability: bins["bin"],
+            number: bins["claims"],
+            "mean probability": bins["probability"].map(percent),
+            true: with_error(bins["share"], bins["se"]),
+        }
+    )
+
+
 def coverage(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """How often intervals of 50 and of 90 % hold the truth, a line each of ``by`` and level.
 

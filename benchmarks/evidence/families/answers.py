@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from evidence.registry import ROOT
-from evidence.texts import Named, binomial_error, by_probability, of, percent, with_error
+from evidence.texts import Named, binomial_error, by_probability, of, of_bins, with_error
 
 
 def calibration_answers(rows: pd.DataFrame) -> Named:
@@ -23,15 +23,7 @@ def calibration_answers(rows: pd.DataFrame) -> Named:
     yield "intervals", pd.DataFrame(shown)
     pairs = [rows.filter(regex=rf"\|{what}$").to_numpy(float) for what in ("p", "true")]
     bins = by_probability(*pairs)
-    asked = pd.DataFrame(
-        {
-            "claims of probability": bins["bin"],
-            "claims": bins["claims"],
-            "mean probability": bins["probability"].map(percent),
-            "true": with_error(bins["share"], bins["se"]),
-        }
-    )
-    yield "claims", asked
+    yield "claims", of_bins(bins, "claims of probability", "claims", "true")
     prior = lines.dropna(subset="prior")
     error = 100 * binomial_error(prior["prior"] / 100, prior["studies"])
     yield "priors", {"claims": len(prior), "off": ((prior["true"] - prior["prior"]) / error).abs().max()}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from evidence.texts import Figure, Named, binomial_error, by_probability, percent, wide, with_error
+from evidence.texts import Figure, Named, binomial_error, by_probability, of_bins, wide, with_error
 
 CHOSEN = "best "
 LEVEL = 0.9
@@ -73,12 +73,4 @@ def outcome_coverage(rows: pd.DataFrame) -> Named:
     yield "short", said
     bins = reliability(rows)
     yield "diagram", Figure(diagram(bins), block=True)
-    best = pd.DataFrame(
-        {
-            "probability of being best": bins["bin"],
-            "levels": bins["claims"],
-            "mean probability": bins["probability"].map(percent),
-            "best": with_error(bins["share"], bins["se"]),
-        }
-    )
-    yield "best", best
+    yield "best", of_bins(bins, "probability of being best", "levels", "best")

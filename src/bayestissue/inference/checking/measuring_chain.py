@@ -127,7 +127,8 @@ def common_gain(prepared: Prepared, posterior: xr.DataTree) -> Normal | None:
     told = precision - declared.sd**-2
     if told > 0:
         z = drawn.mean() * precision / told / np.hypot(declared.sd, told**-0.5)
-        if abs(z) > norm.isf(incredible.RATE / len(JUDGED) / 10):
+        # As rarely as any one of the departures that `incredible.alarms` looks for, on either side.
+        if abs(z) > norm.isf(incredible.RATE / len(JUDGED) / (3 + len(_GROUPS)) / 2):
             return declared
     return normal(float(drawn.mean()), float(drawn.std()))
 
@@ -162,6 +163,7 @@ def judge(
     rows = some_impacts(len(prepared.impacts))
     prepared = some_of(prepared, rows)
     groups = {kind: pd.factorize(prepared.impacts[kind].astype(str))[0] for kind in _GROUPS}
+    log_gain = log_gain or prepared.model.priors.log_gain
     if expansions is None or prepared.model.gain:
         expansions = _at_gain(prepared, with_normal_errors(prepared.data), log_gain)[0]
     else:
@@ -185,7 +187,7 @@ def _pattern(freed_error: Freed, groups: Groups) -> ErrorPattern | None:
 
 
 def _at_gain(
-    prepared: Prepared, data: TraceData, log_gain: Normal | None
+    prepared: Prepared, data: TraceData, log_gain: Normal
 ) -> tuple[GaussianFactor, ConditionalPrior]:
     """Expansions of these traces, errors normal, at a gain that all impacts share, and the prior used.
 
@@ -195,12 +197,12 @@ def _at_gain(
     prior = weak_prior(start)
     if not model.gain:
         return laplace_of_all(model, data, start, prior), prior
-    known, number = log_gain or model.priors.log_gain, 2 + model.nuisance.index(GAIN)
-    start[:, number] = known.mean
-    prior.precision[number, number] = known.sd**-2
+    number = 2 + model.nuisance.index(GAIN)
+    start[:, number] = log_gain.mean
+    prior.precision[number, number] = log_gain.sd**-2
     sites = laplace_of_all(model, data, start, prior)
-    off, bend = (sites.centre[:, number] - known.mean) / known.sd, sites.precision[:, number, number]
-    lost = off**2 + np.log1p(known.sd**2 * bend)
+    off, bend = (sites.centre[:, number] - log_gain.mean) / log_gain.sd, sites.precision[:, number, number]
+    lost = off**2 + np.log1p(log_gain.sd**2 * bend)
     return sites._replace(log_scale=sites.log_scale - lost / 2), prior
 
 
@@ -223,10 +225,11 @@ def freed(
     sign = -1.0 if of_chain[column] == "ramp_error" else 1.0
     sd = np.asarray(data.record.error_sd)
     unit, declared = _unit(prepared, name), sd[:, column]
+    log_gain = log_gain or prepared.model.priors.log_gain
     wide = np.where(np.arange(sd.shape[1]) == column, _WIDE[name] * unit[:, None], sd)
     before = _at_gain(prepared, data, log_gain)[0] if expansions is None else expansions
     if name == AMPLITUDE and prepared.model.gain:
-        declared = np.hypot(declared, (log_gain or prepared.model.priors.log_gain).sd * unit)
+        declared = np.hypot(declared, log_gain.sd * unit)
     data = replace(data, record=data.record._replace(error_sd=jnp.asarray(wide)))
     sites, prior = _at_gain(prepared, data, log_gain)
     centre = np.asarray(sites.centre)

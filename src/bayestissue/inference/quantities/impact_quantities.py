@@ -53,7 +53,7 @@ class Impacts:
         data: the recordings.
         u: each impact's parameters, K and C at the recorded mass.
         mass_error: of the log mass.
-        chain_error: the measuring chain's errors.
+        chain_error: the measuring chain's errors, but of a gain that all impacts share.
         velocity_error: that of the recorded velocity [m/s]; None where none is recorded.
         measured: beside a discrepancy, the traces' likelihood with contact where the errors put it.
         discrepancy: the force beside the element's, over mass [m/s^2].
@@ -96,7 +96,6 @@ class Impacts:
                 later = data.record.first_time - likelihood.record.first_time
                 errors = errors.at[:, CONTACT].add(later)
             velocity_error = data.record.velocity_error(errors, velocity_key)
-            errors = _with_gain(model, data, u, errors)
             return cls(model, data, u, mass_error, errors, velocity_error)
         stated = impact_likelihood(model, data, u)
         located = stated.with_contact_found(key)
@@ -109,8 +108,13 @@ class Impacts:
         measured = located.as_drawn(errors[:, CONTACT])
         errors = errors.at[:, CONTACT].add(data.record.first_time - located.record.first_time)
         velocity_error = data.record.velocity_error(errors, velocity_key)
-        errors = _with_gain(model, data, u, errors)
         return cls(model, data, u, mass_error, errors, velocity_error, measured, delta)
+
+    @property
+    def error_with_gain(self) -> Float[Array, "impact error"]:
+        """The measuring chain's errors, that of a gain which all impacts share counted in."""
+        log_gain = self.model.log_gain(self.u)
+        return self.chain_error + (0.0 if log_gain is None else self.data.record.of_gain(log_gain))
 
     @cached_property
     def physical(self) -> Physical:
@@ -210,14 +214,6 @@ class Impacts:
         return self.outcomes.C_equivalent / (2 * jnp.sqrt(self.outcomes.K_secant * self.inertia))
 
 
-def _with_gain(
-    model: TraceModel, data: TraceData, u: list[Array], errors: Float[Array, "impact error"]
-) -> Float[Array, "impact error"]:
-    """The chain's errors, that of a gain which all impacts share counted in."""
-    log_gain = model.log_gain(u)
-    return errors if log_gain is None else errors + data.record.of_gain(log_gain)
-
-
 def _comparable(impacts: Impacts, name: str) -> Array | None:
     """Of spring and damper side by side alone these are K and C themselves."""
     return None if impacts.side_by_side else getattr(impacts.outcomes, name, None)
@@ -269,4 +265,4 @@ def impact_quantities(impacts: Impacts) -> dict[str, Float[Array, "impact ..."]]
     further = {one.name: impacts.parameters[one.name] for one in impacts.element.extra}
     known: dict[str, Any] = named_quantities(impacts)
     parameters = jnp.stack(impacts.u, axis=-1)
-    return known | further | {"parameters": parameters, "chain_error": impacts.chain_error}
+    return known | further | {"parameters": parameters, "chain_error": impacts.error_with_gain}

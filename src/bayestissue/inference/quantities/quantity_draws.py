@@ -151,10 +151,8 @@ def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> di
     values |= levels | {name: impacts[name] for name in NAMES if name in impacts}
     if "chain_error" in impacts:
         record = prepared.data.record
-        known = np.asarray(record.error_sd).any(axis=0)
+        known = prepared.error_sd.any(axis=0)
         known[-1] |= prepared.model.contact
-        if prepared.model.gain:
-            known |= np.asarray(record.of_gain(jnp.ones(len(record.dt)))).any(axis=0)
         values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(record.errors) if known[i]}
     return values | derived.new_impact(design, population, levels, rng)
 

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -128,11 +127,7 @@ def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
 
 def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     signal, record = prepared.signal, prepared.data.record
-    error_sd, first = np.asarray(record.error_sd), np.asarray(record.first_time)
-    if prepared.model.gain:
-        # The errors are with the gain's that all impacts share.
-        gain_sd = jnp.full(len(first), prepared.model.priors.log_gain.sd)
-        error_sd = np.hypot(error_sd, record.of_gain(gain_sd))
+    error_sd, first = prepared.error_sd, np.asarray(record.first_time)
     return {
         **({"common_depth_m": common_depth(signal)} if prepared.model.depends_on_depth else {}),
         **({GRAVITY: signal.gravity[0]} if signal.gravity.any() else {}),

@@ -62,8 +62,6 @@ _NUISANCE = {
     "noise_force": NOISE,
     "log_force_ratio": NOISE,
 }
-
-
 # Parts of b that are errors which impacts share.
 _SHARED = {MASS_ERROR: MASS, intercept(GAIN): COMMON_GAIN}
 

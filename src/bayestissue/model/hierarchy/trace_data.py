@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import pandas as pd
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from bayestissue.base.errors import InputError, Problem, along_with
 from bayestissue.mechanics.elements import element
@@ -87,6 +87,15 @@ class Prepared:
     reference: Reference | None = None
     common_mass_sd: float = 0.0
     mass_group: Int[np.ndarray, " impact"] | None = None
+
+    @property
+    def error_sd(self) -> Float[np.ndarray, "impact error"]:
+        """Of the measuring chain's errors beforehand, that of a gain which all impacts share counted in."""
+        record = self.data.record
+        if not self.model.gain:
+            return np.asarray(record.error_sd)
+        gain_sd = jnp.full(len(self.impacts), self.model.priors.log_gain.sd)
+        return np.hypot(record.error_sd, record.of_gain(gain_sd))
 
 
 def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str) -> Prepared:
@@ -171,7 +180,7 @@ def assemble(
     if force is not None and tells_added_mass(force, specification.element):
         declared = max(float(np.hypot(force.mass_sd, force.gain_sd)), _LEAST_RATIO_SD)
         priors = priors.model_copy(update={"log_force_ratio": normal(0.0, declared)})
-    gain_sd = float(_common_gain_sd(dataset, specification))
+    gain_sd = _common_gain_sd(dataset, specification)
     if gain_sd and "log_gain" not in specification.priors.model_fields_set:
         priors = priors.model_copy(update={"log_gain": normal(0.0, gain_sd)})
     if gain_sd:
