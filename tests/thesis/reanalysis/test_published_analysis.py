@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 from numpyro.infer import MCMC, NUTS
 
 from bayestissue.model.hierarchy.derived import effects_by_name
@@ -92,22 +91,6 @@ def test_known_parameters_are_recovered(population) -> None:
 def test_the_tables_sites_stand_for_their_factors(found) -> None:
     assert found.verdict.passed
     assert found.acceptance > 0.7
-
-
-def test_the_same_seed_gives_the_same_draws(problem, found) -> None:
-    again = sample_posterior(*problem, SPECIFICATION.sampler, 3)
-    for name, values in found.hyperparameters.items():
-        assert_array_equal(values, again.hyperparameters[name], err_msg=name)
-    assert_array_equal(found.b, again.b)
-    other = sample_posterior(*problem, SPECIFICATION.sampler, 4)
-    assert not np.array_equal(other.b, found.b)
-    assert not np.array_equal(found.b[0], found.b[1])
-
-
-def test_no_more_draws_are_kept_than_are_asked_for(problem) -> None:
-    few = sample_posterior(*problem, SPECIFICATION.sampler.model_copy(update={"draws": 100}), 0)
-    assert few.hyperparameters["sd_impact_K"].shape == (2, 100)
-    assert few.b.shape[:2] == few.rows.shape[:2] == (2, 100)
 
 
 @pytest.mark.slow

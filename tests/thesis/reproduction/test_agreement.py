@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayestissue.thesis.reproduction.agreement import Recomputed, agrees, half_unit, is_cut_off, line
+from bayestissue.thesis.reproduction.agreement import Recomputed, agrees, is_cut_off, line
 
 numbers = st.decimals(min_value=-100, max_value=100, places=6)
 digits = st.integers(min_value=0, max_value=5)
@@ -29,14 +29,6 @@ def test_cutting_off_drops_digits(value: Decimal, places: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("printed", "half"),
-    [("23.75", 0.005), (".0122", 0.00005), ("5", 0.5), ("+0.695", 0.0005), ("-0.02", 0.005)],
-)
-def test_half_a_unit_of_the_last_digit(printed: str, half: float) -> None:
-    assert half_unit(printed) == pytest.approx(half, rel=1e-15)
-
-
-@pytest.mark.parametrize(
     ("printed", "found", "agreed", "note"),
     [
         ("2.293", Recomputed(2.2935), True, ""),
@@ -55,7 +47,3 @@ def test_a_line_says_how_it_differs(printed: str, found: Recomputed, agreed: boo
     assert result.agrees is agreed
     assert note in result.note
     assert bool(result.note) == bool(note)
-
-
-def test_the_recomputed_figure_is_shown_in_full() -> None:
-    assert line("5.0", 1, "something", "0.33", Recomputed(1 / 3)).reproduced == "0.33333333"
