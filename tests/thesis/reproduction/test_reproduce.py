@@ -45,7 +45,7 @@ NAMES = ("Mass", "Mass Seq", "Velocity * Mass", "Energy* Mass *Velocity", "Energ
 def test_every_printed_number_is_judged_as_it_was(
     published: PublishedTables, tmp_path: Path, name: str, make: Callable[[PublishedTables], pd.DataFrame]
 ) -> None:
-    """As in the report that is kept, to the letter but for those of true and false: nothing of it is drawn."""
+    """As in the report that is kept, to the letter but in another case: nothing of it is drawn."""
     write_table(make(published), tmp_path / "made.csv")
     kept = (KEPT / f"{name}.csv").read_text(encoding="utf-8")
     assert (tmp_path / "made.csv").read_text(encoding="utf-8").lower() == kept.lower()
