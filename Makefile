@@ -15,7 +15,7 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-dev shell report report-example report-arma report-published test test-all run-tests run-slow-tests check-code docs docs-reports docs-outputs test-long release-check evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
+.PHONY: help setup setup-dev shell report report-example report-arma report-published test test-all run-tests run-slow-tests check-code check-benchmarks docs docs-reports docs-outputs test-long release-check evidence evidence-check evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -72,7 +72,7 @@ run-tests: $(READY_FOR_TESTS)
 	@echo "quick tests, five minutes the first time, when all is compiled ..."
 	@$(BIN)/python -m pytest
 
-run-slow-tests: test
+run-slow-tests: test check-benchmarks
 	@echo "slow tests, half an hour or so ..."
 	@$(BIN)/python -m pytest -m "slow and not long"
 
@@ -84,6 +84,11 @@ check-code: $(READY_FOR_TESTS)
 	@$(BIN)/mypy
 	@echo "import order ..."
 	@$(BIN)/lint-imports
+
+# Scripts of hours, which no test runs: that they call what the program has is seen from types.
+check-benchmarks: $(READY_FOR_TESTS)
+	@echo "types of the benchmarks, a minute ..."
+	@$(BIN)/mypy --config-file benchmarks/mypy.toml
 
 # A warning, such as of a broken link, is an error.
 DOCS := $(BIN)/python -m sphinx --fail-on-warning --nitpicky --keep-going --quiet

@@ -118,9 +118,9 @@ def displacements() -> Row:
         band[:2] = 1 + theta1**2, -theta1
         covariance = np.exp(2 * log_sigma) * toeplitz(band) + (columns.T * sd**2) @ columns
         one = (np.array([value]) for value in (SAMPLES, FIRST, DT))
-        made = displacement_record(x[None], *one, sd[None])
+        made = displacement_record(x[None], *one, sd[None])  # type: ignore[call-arg]
         given = (jnp.array([value]) for value in (omega_dt / DT, zeta, theta1, log_sigma))
-        ours = float(MeasuredDisplacement(*given, made).log_density()[0])
+        ours = float(MeasuredDisplacement(*given, made).log_density()[0])  # type: ignore[call-arg]
         differences.append(abs(ours / normal(covariance, w) - 1))
     return "recorded displacements, ARMA(2,1)", "dense normal", max(differences), "of the log density"
 

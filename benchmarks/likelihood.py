@@ -54,7 +54,7 @@ def sine(n: int) -> tuple[Call, Call]:
     x, omega_dt = traces(n)
     one = np.ones(IMPACTS)
     data = displacement_record(x, np.full(IMPACTS, n), 0 * one, one, np.zeros((IMPACTS, 3)))
-    both = jax.jit(jax.value_and_grad(lambda p, data: MeasuredDisplacement(*p, data).log_density().sum()))
+    both = jax.jit(jax.value_and_grad(lambda p, data: MeasuredDisplacement(*p, data).log_density().sum()))  # type: ignore[call-arg]
     parameters = stacked(omega_dt, n)
     read = jax.jit(lambda columns: [column.sum((0, 2)) for column in columns])
     return lambda: both(parameters, data), lambda: read(data.columns)

@@ -231,7 +231,7 @@ def intervals(fit: Study, made: Campaign, content: Simulation) -> Iterator[Inter
         ),
     }
     for of, (found, impacts) in kinds.items():
-        true = pd.DataFrame([truths(tissue.element, *impact) for impact in impacts])
+        true = pd.DataFrame([truths(tissue.element, *impact) for impact in impacts])  # type: ignore[attr-defined]
         for name in names:
             yield Interval(of, name, (found[name]["low"], found[name]["high"]), true[name].to_numpy())
 

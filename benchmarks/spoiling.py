@@ -282,7 +282,7 @@ class Recorded:
 
     def __add__(self, more: Recorded) -> Recorded:
         own, other = ((each.impacts, each.chains, each.traces) for each in (self, more))
-        return Recorded(*(a + b for a, b in zip(own, other, strict=True)), self.quantity)
+        return Recorded(*(a + b for a, b in zip(own, other, strict=True)), self.quantity)  # type: ignore[call-arg]
 
 
 def sound_ones(

@@ -188,5 +188,5 @@ def counted(name: str, row_of: Callable[[int], dict[str, Any]], studies: int) ->
     rows = measure(name, range(int(sys.argv[2]) if len(sys.argv) > 2 else studies), released)
     print(shares(rows).to_string(float_format="{:.3f}".format))
     others = rows.loc[:, [column for column in rows if "|" not in column and column != "unit"]]
-    print(others.mean(numeric_only=True).to_string(float_format="{:.3f}".format))
+    print(others.mean(numeric_only=True).to_string(float_format="{:.3f}".format))  # type: ignore[attr-defined]
     return rows

@@ -44,7 +44,7 @@ def shares(found: pd.DataFrame) -> pd.DataFrame:
     by_kind: dict[str, list[str]] = {}
     lines = []
     for column in found.filter(regex=r"\|(?:interval|prior)$"):
-        kind, which, what = column.split("|")
+        kind, which, what = column.split("|")  # type: ignore[attr-defined]
         if what == "interval":
             by_kind.setdefault(kind, []).append(column)
             lines.append({"kind": kind, "which": which, **_held(found[[column]])})
