@@ -49,7 +49,6 @@ KEPT, OF = "docs/reports/", "of"
 NOTEBOOKS = {"notebook.ipynb": ROOT / "notebooks" / "traces.py"}
 WIDTH = "96"
 SHARED = ("data", "models")
-RUN = ("console", "python")
 # Of blocks that run only where all of a page is asked for.
 LONG = ("takes long", "stays")
 APART = ("not run", *LONG, "exit status", "picture of", "prepare")

@@ -27,10 +27,6 @@ def test_what_is_read_aloud_is_what_was_shown() -> None:
     assert f"{shown['K[side=sound]'][0]:.0f} N/m on the sound" in read
 
 
-def test_it_is_short() -> None:
-    assert len(TEXT.splitlines()) <= 140
-
-
 @pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\(([^)#]+)[^)]*\)", TEXT))))
 def test_a_link_leads_somewhere(link: str) -> None:
     assert (ROOT / link).exists()
