@@ -49,7 +49,6 @@ def refusal(formula: str, table: pd.DataFrame) -> str:
         ("(" * 3000 + "side" + ")" * 3000, "too many parentheses"),
         ("K ~ side", "leave it out"),
         ("poly(mass_kg, 2)", "there is no poly()"),
-        ("scale(age) + side", "there is no scale()"),
         ("age + side", "age is missing in 1 of 4 impacts, such as impact b"),
     ],
 )
@@ -69,10 +68,6 @@ def test_log_mass_is_zero_at_the_reference_mass_and_is_not_scaled() -> None:
     assert design.subjects == ("s0", "s1", "s2")
     assert design.trials == ("0", "1", "2", "3")
     assert design.reference_mass_kg == 0.5
-
-
-def test_the_reference_mass_is_the_geometric_mean_unless_given() -> None:
-    table = rows()
     design = build_design(Formulas(), table, reference_mass_kg=None, source="m.toml")
     assert_allclose(design.reference_mass_kg, np.exp(np.log(table["mass_kg"]).mean()), rtol=1e-14)
 
@@ -80,7 +75,6 @@ def test_the_reference_mass_is_the_geometric_mean_unless_given() -> None:
 @pytest.mark.parametrize(
     ("formula", "expected", "reference"),
     [
-        ("mass_kg", lambda t: t["mass_kg"], 0.5),
         ("{mass_kg ** 2}", lambda t: t["mass_kg"] ** 2, 0.25),
         ("log(energy_J)", lambda t: np.log(t["energy_J"]), np.log(1.125)),
     ],
@@ -105,55 +99,6 @@ def test_the_reference_of_numbers_as_categories_is_the_first_recorded_one() -> N
     assert_allclose(part.covariates * part.scale, expected, atol=1e-13)
 
 
-def test_an_unknown_column_is_named_with_those_there_are() -> None:
-    said = refusal("log(temperature) + (1|subject)", rows())
-    assert "temperature" in said
-    assert "mass_kg" in said
-
-
-def test_mass_energy_and_velocity_together_are_refused() -> None:
-    said = refusal("energy_J + velocity_m_s + log(mass_kg) + (1|trial)", rows())
-    assert "E = ½MV²" in said
-
-
-def test_a_trial_effect_needs_several_impacts_of_a_trial() -> None:
-    table = rows(people=1).assign(subject=["s0", "s0", "s1", "s1"])
-    said = refusal("(1|trial)", table)
-    assert "several impacts for at least one trial" in said
-
-
-def test_a_group_effect_needs_several_groups() -> None:
-    assert "more than one trial" in refusal("energy_J + (1|trial)", rows().assign(trial="1"))
-
-
-def test_a_mass_that_does_not_vary_is_refused() -> None:
-    with pytest.raises(InputError) as caught:
-        build_design(
-            Formulas(K="1 + (1|subject)", C=PLAIN),
-            rows().assign(mass_kg=0.5),
-            reference_mass_kg=None,
-            source="m.toml",
-        )
-    assert "mass that varies" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("formula", "words"),
-    [
-        ("log(mass_kg", "formula such as"),
-        ("log(mass_kg) + (1|width)", "no column width"),
-        ("log(mass_kg) + subject", "group effect"),
-        ("0 + log(mass_kg) + (1|subject)", "intercept"),
-        ("exp(mass_kg) + (1|subject)", "log() and sqrt()"),
-        ("mass_kg + {2 * mass_kg} + (1|subject)", "m.toml"),
-        ("log(mass_kg - mass_kg)", "m.toml"),
-    ],
-)
-@pytest.mark.filterwarnings("ignore:(divide by zero|invalid value):RuntimeWarning")
-def test_other_formulas_that_cannot_be_used_are_refused(formula: str, words: str) -> None:
-    assert words in refusal(formula, rows())
-
-
 def test_both_formulas_problems_are_reported_at_once() -> None:
     with pytest.raises(InputError) as caught:
         build_design(Formulas(K="a", C="b"), rows(), reference_mass_kg=None, source="m.toml")
@@ -174,7 +119,6 @@ def adapted(table: pd.DataFrame) -> tuple[str | None, dict[str, str]]:
 @pytest.mark.parametrize(
     ("table", "formula", "reasons"),
     [
-        (rows(), PLAIN, {}),
         (
             rows().assign(mass_kg=0.5),
             "(1|subject) + (1|trial)",
@@ -190,11 +134,6 @@ def adapted(table: pd.DataFrame) -> tuple[str | None, dict[str, str]]:
             rows(people=1),
             "log(mass_kg)",
             {"(1|subject)": "one subject only", "(1|trial)": "with one impact of each trial"},
-        ),
-        (
-            rows(trials=2, people=1).assign(subject=["a", "b"]),
-            "log(mass_kg)",
-            {"(1|subject)": "with one impact of each subject", "(1|trial)": "with one impact of each trial"},
         ),
         (
             rows(people=2).assign(subject=np.repeat(["a", "b", "c", "d"], 2)),
@@ -218,24 +157,14 @@ def test_a_formula_left_out_is_what_the_rows_can_tell(table, formula, reasons) -
 
 @pytest.mark.parametrize(
     ("formula", "hidden", "by"),
-    [
-        ("side + (1|session) + (1|subject)", "session", "side"),
-        ("team + (1|operator) + (1|subject)", "operator", "team"),
-        ("treatment + (1|day) + (1|subject)", "day", "treatment"),
-        ("sex + (1|subject)", "subject", "sex"),
-    ],
+    [("side + (1|session) + (1|subject)", "session", "side"), ("sex + (1|subject)", "subject", "sex")],
 )
 def test_a_factor_that_a_group_hides_is_refused_with_both_names(formula, hidden, by) -> None:
-    cells = [(f"s{p}", side, mass) for p in range(4) for side in "lr" for mass in (0.5, 1.0, 0.5)]
+    people = 4 if hidden == "session" else 2
+    cells = [(f"s{p}", side, mass) for p in range(people) for side in "lr" for mass in (0.5, 1.0, 0.5)]
     rows = pd.DataFrame(cells, columns=["subject", "side", "mass_kg"]).assign(trial="t", velocity_m_s=1.0)
     rows["session"] = (rows["side"] == "r").astype(int) + 1
-    rows["team"] = np.where(rows["subject"] < "s2", "a", "b")
-    rows["operator"] = rows["team"].str.upper()
-    rows["treatment"] = np.resize(["none", "ice", "heat"], len(rows))
-    rows["day"] = rows["treatment"].str[0]
     rows["sex"] = np.where(rows["subject"] == "s0", "f", "m")
-    if hidden == "subject":
-        rows = rows[rows["subject"] < "s2"]
     with pytest.raises(InputError) as caught:
         build_design(Formulas(K=formula, C="1"), rows, reference_mass_kg=None, source="m.toml")
     (problem,) = caught.value.problems
@@ -269,15 +198,9 @@ def test_conditions_that_say_more_than_their_masses_stay_in_the_default() -> Non
     assert adapted(of_masses(0.5, 0.7, 1.0)) == (PLAIN, {})
     # Two masses in two conditions each; two conditions of both masses.
     for of_trial in (["a", "b", "c"], ["a", "b", "a"]):
-        assert (
-            adapted(of_masses(0.5, 1.0).assign(trial=lambda t, n=of_trial: np.resize(n, len(t))))[0] == PLAIN
-        )
+        assert adapted(of_masses(0.5, 1.0).assign(trial=np.resize(of_trial, 24)))[0] == PLAIN
     twice = of_masses(0.5, 1.0).assign(trial=lambda t: t["trial"] + np.resize(["a", "b", "a"], len(t)))
     assert adapted(twice) == (PLAIN, {})
-    # A formula that is written stays as it is.
-    design = build_design(Formulas(K=PLAIN), of_masses(0.5, 1.0), reference_mass_kg=None, source="m.toml")
-    assert design.formulas.K == PLAIN
-    assert [each["of"] for each in design.terms_left_out()] == [["C"]]
 
 
 def test_two_people_with_a_mass_each_differ_by_person() -> None:
@@ -285,11 +208,6 @@ def test_two_people_with_a_mass_each_differ_by_person() -> None:
     found, left_out = adapted(table)
     assert found == "(1|subject)"
     assert "there are two people, each with one mass" in left_out["log(mass_kg)"]
-
-
-def test_names_shared_by_people_and_conditions_confuse_nothing() -> None:
-    table = rows(people=4).assign(subject=lambda t: [f"{i}" for i in np.tile(np.arange(4), 4)])
-    assert adapted(table)[0] == PLAIN
 
 
 def test_a_mass_that_differs_by_rounding_alone_has_no_exponent() -> None:
@@ -327,10 +245,17 @@ def test_all_that_is_wrong_with_a_formula_is_said_at_once_with_one_that_works() 
 
 
 @pytest.mark.parametrize(
-    "formula", ["log(mass_kg", "exp(mass_kg) + energy_J", "log(mass_kg) + subject", "a:b"]
+    ("formula", "words"),
+    [
+        ("log(mass_kg", "formula such as"),
+        ("exp(mass_kg) + energy_J", "log() and sqrt()"),
+        ("log(mass_kg) + subject", "group effect"),
+        ("a:b", "no column a"),
+    ],
 )
-def test_no_formula_is_proposed_without_a_term_that_can_be_mended(formula: str) -> None:
+def test_no_formula_is_proposed_without_a_term_that_can_be_mended(formula: str, words: str) -> None:
     said = refusal(formula, rows())
+    assert words in said
     assert "Correct the formula" in said
     assert "instead" not in said
 

@@ -27,11 +27,8 @@ CASES = [
 FURTHER = [
     ("sessions across operators", 1, 1.0),
     ("the last parameter by people and trials", 2, 1.0),
-    ("no groups", 3, 1.0),
-    ("people", 1, 1e3),
-    ("people and trials, each subject with a mass", 2, 1.0),
+    ("no groups", 1, 1e3),
     ("people and sessions, each trial with a mass", 1, 1.0),
-    ("one formula with people, one with trials", 1, 1.0),
     ("people's own mass exponents", 2, 1.0),
     ("trials of which one has no impact", 2, 1.0),
     ("the third parameter across the first's", 1, 1.0),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -12,7 +11,6 @@ import pytest
 from numpy.testing import assert_allclose
 from numpyro.distributions import biject_to
 from numpyro.infer.util import log_density
-from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
@@ -166,15 +164,6 @@ def test_both_writings_are_one_density(setting) -> None:
         assert_allclose(plain, sampled, rtol=1e-9)
 
 
-def test_a_site_is_its_factor_where_people_scatter_as_it_says(setting) -> None:
-    _, _, model, data, hyperparameters = setting
-    z = jnp.zeros(model.locations.size)
-    for _ in range(60):
-        drawn = drawn_effects(model, data, hyperparameters, z)
-        data = data._replace(scatter=np.asarray(drawn.scatter))
-    assert_allclose(drawn_effects(model, data, hyperparameters, z).log_ratio, 0, atol=1e-9)
-
-
 def test_rows_have_the_densities_of_the_distributions(setting) -> None:
     observations, design, model, data, hyperparameters = setting
     z = jnp.asarray(np.random.default_rng(5).standard_normal(model.locations.size))
@@ -202,33 +191,3 @@ def test_rows_have_the_densities_of_the_distributions(setting) -> None:
     )
     averaged = tables(logs[observations.averaged_cells])
     assert_allclose(drawn.rows[:TABLES], averaged, rtol=1e-9, atol=1e-9)
-
-
-def test_a_trial_held_out_by_averaging_over_everything_it_shares(setting) -> None:
-    """Evidence with a trial over that without: also the mean density of the trial over effects without it."""
-    observations, design, model, data, hyperparameters = setting
-    trial = np.r_[design.trial[observations.averaged_cells[:, 0]], design.trial[observations.impact_cell]]
-    rows = trial == trial[TABLES]
-    others = without(data, rows | (np.arange(len(rows)) < TABLES))
-    both = without(data, np.arange(len(rows)) < TABLES)
-    z = jnp.asarray(np.random.default_rng(1).standard_normal((20_000, model.locations.size)))
-    wide = {**hyperparameters, "sd_impact_K": jnp.asarray(0.2)}
-    ratio = evidence(model, both, wide) - evidence(model, others, wide)
-    given = jax.jit(jax.vmap(lambda each: draw_effects(model, others, wide, each).rows[rows].sum()))(z)
-    weight = np.exp(np.asarray(given) - float(jnp.max(given)))
-    error = weight.std() / weight.mean() / np.sqrt(len(weight))
-    assert abs(float(ratio) - (logsumexp(given) - np.log(len(given)))) < 4 * error
-
-
-def test_a_formula_s_missing_terms_change_nothing(setting) -> None:
-    observations, _, model, _, hyperparameters = setting
-    plain = Formulas(K="1 + (1|subject)", C="1 + (1|subject)")
-    design = published_design(observations, SPECIFICATION, formulas=plain)
-    alone = EstimatesModel(common_effects([design], PRIORS), PRIORS, True)
-    densities = [
-        evidence(each, estimates_data(design, observations, each)._replace(scatter=SCATTER), hyperparameters)
-        for each in (model, alone)
-    ]
-    assert_allclose(*densities, rtol=1e-10)
-    assert replace(model) == model
-    assert hash(replace(model)) == hash(model)

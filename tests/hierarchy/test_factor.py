@@ -69,44 +69,6 @@ def test_a_parameter_that_a_site_says_nothing_of_keeps_its_prior(dense: Dense) -
     assert_allclose(sd**2, dense.of_u[-1, -1], rtol=1e-12)
 
 
-def test_many_draws_of_the_population_at_once_are_each_of_them(dense: Dense) -> None:
-    scales = np.array([0.5, 1.0, 2.0])
-    precision = np.linalg.inv(dense.of_u)[..., None] * scales
-    about = np.random.default_rng(2).normal(size=(SIZE, 3, dense.number))
-    sites = GaussianFactor(*map(np.asarray, dense.sites)).batch_last()
-    together = Conditional(precision[..., None], sites).marginal(about).log_scale
-    for place, scale in enumerate(scales):
-        alone = conditional(dense, dense.of_u / scale).marginal(about[:, place]).log_scale
-        assert_allclose(together[place], alone, rtol=1e-12)
-
-
-def _weight(
-    moved: jax.Array, entry: jax.Array, prior: jax.Array, about: jax.Array, sites: GaussianFactor
-) -> jax.Array:
-    """Weights at the one entry that is not 0, which is traced: compiled once for all of them."""
-    return (entry[..., None, None] * cell_factors(prior + moved, about, sites).precision).sum()
-
-
-weight, slope = jax.jit(_weight), jax.jit(jax.grad(_weight))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("entry", [(0, 1), (1, 0), (2, 0), (1, 1)])
-def test_slopes_of_any_half_of_the_weights_agree_with_differences(
-    dense: Dense, entry: tuple[int, int]
-) -> None:
-    """A Cholesky factor reads one half of the weights alone, and so must its slopes be."""
-    prior, about = dense.covariances.of_impact(), jnp.zeros((SIZE, len(dense.design.members[0, 0])))
-    direction = np.random.default_rng(3).normal(size=(SIZE, SIZE))
-    direction = direction + direction.T
-    only = np.zeros((SIZE, SIZE))
-    only[entry] = 1.0
-    given, step = (only, prior, about, dense.blocked_sites), 1e-5
-    difference = (weight(step * direction, *given) - weight(-step * direction, *given)) / (2 * step)
-    found = (np.asarray(slope(np.zeros((SIZE, SIZE)), *given)) * direction).sum()
-    assert_allclose(found, difference, rtol=1e-6)
-
-
 def test_products_of_small_matrices_are_written_out() -> None:
     """A sum over an axis of three would be a reduction, which XLA makes a loop of its own through memory."""
     blocks, places = 2, 32

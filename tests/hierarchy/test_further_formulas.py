@@ -11,13 +11,11 @@ from numpy.testing import assert_allclose
 from bayestissue.base.errors import InputError
 from bayestissue.inference.results.labels import design_attributes
 from bayestissue.model.hierarchy import derived
-from bayestissue.model.hierarchy.population import expected, population_design
+from bayestissue.model.hierarchy.population import population_design
 from bayestissue.model.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.model.hierarchy.trace_models import TraceModel
-from designs import REFERENCE, design_of, impacts, indicator
+from designs import design_of, impacts
 
 FORMULA = "log(mass_kg) + room + (1|subject) + (0 + room|subject) + (1|session)"
-NUISANCE = ("noise", "log_thickness_m")
 HEAD = 'name = "x"\nlikelihood = "impact"\nelement = "wall"\n'
 HALF = '{ distribution = "half-normal", scale = 0.3 }'
 
@@ -48,7 +46,6 @@ def test_priors_of_a_further_parameters_effects_are_the_files_or_wide(tmp_path: 
     [
         ('[formula]\nstiffness = "1"\n', "formulas of K, C, thickness_m, all that this", "formula"),
         (f"[priors.sd_trial]\nK = {HALF}\nC = {HALF}\nthickness_m = {HALF}\n", "priors of K, C, all", None),
-        ('[formula]\nthickness_m = "(1|subject)"\n[priors.sd_impact]\nthickness_m = 1\n', "K, C", None),
         (
             '[formula]\nthickness_m = "(1|subject)"\n[priors.sd_subject]\n'
             f'K = {HALF}\nC = {HALF}\nthickness_m = {{ distribution = "half-normal", scale = -1.0 }}\n',
@@ -67,12 +64,6 @@ def test_what_a_model_file_says_of_other_parameters_is_refused(
         assert [problem.column for problem in refused.value.problems] == [column]
 
 
-def test_elements_without_further_parameters_have_formulas_of_k_and_c_alone(tmp_path: Path) -> None:
-    text = 'name = "x"\nlikelihood = "arma"\n[formula]\nthickness_m = "1"\n'
-    with pytest.raises(InputError, match="formulas of K, C, all that this likelihood"):
-        read(tmp_path, text)
-
-
 def test_what_the_rows_cannot_tell_is_refused_with_the_formula_that_is_left() -> None:
     with pytest.raises(InputError) as caught:
         design_of("1", "1", thickness_m="age + (age|subject) + (1|subject)")
@@ -81,50 +72,11 @@ def test_what_the_rows_cannot_tell_is_refused_with_the_formula_that_is_left() ->
     assert 'Write "age + (1|subject)" instead' in problem.remedy
 
 
-def test_the_columns_are_those_of_the_matrix_by_hand() -> None:
-    rows = impacts()
-    design = design_of("(1|subject)", "1", rows, thickness_m=FORMULA)
-    effects, columns = population_design(design, wall(FORMULA).complete_priors(), NUISANCE)
-    room = rows["room"].to_numpy()
-    room = ((room - room.mean()) / room.std())[:, None]
-    person = indicator(rows, "subject")
-    by_hand = {
-        "log_thickness_m_mean": np.ones((len(rows), 1)),
-        "mass_exponent_thickness_m": np.log(rows["mass_kg"].to_numpy() / REFERENCE)[:, None],
-        "covariate_effect_thickness_m": room,
-        "subject_effect_thickness_m": person,
-        "subject_effect_of_room_deviation_thickness_m": room * person,
-        "session_effect_thickness_m": indicator(rows, "session"),
-    }
-    names = ["intercept_K", "subject_effect_K", "intercept_C", "noise_mean", *by_hand]
-    assert list(effects.parts) == names
-    b = np.random.default_rng(2).normal(size=effects.size)
-    found = np.asarray(expected(columns, b))
-    each = [matrix @ b[effects.parts[name]][: matrix.shape[1]] for name, matrix in by_hand.items()]
-    # Sums of a dozen numbers of order one.
-    assert_allclose(found[3], np.sum(each, axis=0), rtol=0, atol=50 * np.finfo(float).eps)
-    assert_allclose(found[2], np.broadcast_to(b[effects.parts["noise_mean"]], len(rows)), rtol=1e-15)
-
-
-def wall(formula: str | None) -> ModelSpecification:
-    further = {} if formula is None else {"thickness_m": formula}
-    content = {"name": "m", "likelihood": "impact", "element": "wall", "formula": further}
-    return ModelSpecification.model_validate(content)
-
-
-@pytest.mark.parametrize(("formula", "own"), [(None, False), ("1", False), ("(1|subject)", True)])
-def test_people_have_effects_on_a_parameter_whose_formula_has_them(formula: str | None, own: bool) -> None:
-    further = {} if formula is None else {"thickness_m": formula}
-    priors = wall(formula).complete_priors()
-    effects, _ = population_design(design_of("1", "1", **further), priors, NUISANCE)
-    model = TraceModel("impact", effects, priors, correlated=True, log_mass_sd=0.0, element="wall")
-    assert ("sd_subject_thickness_m" in model.hyperparameters) == own
-    assert model.prior_of(model.hyperparameters[-1]).scale == 0.2
-
-
 def test_results_are_named_as_those_of_k_and_c() -> None:
-    design = design_of("(1|subject)", "1", thickness_m=FORMULA)
-    effects, _ = population_design(design, wall(FORMULA).complete_priors(), NUISANCE)
+    design = design_of("log(mass_kg) + (log(mass_kg)|subject)", "1", thickness_m=FORMULA)
+    content = {"name": "m", "likelihood": "impact", "element": "wall", "formula": {"thickness_m": FORMULA}}
+    priors = ModelSpecification.model_validate(content).complete_priors()
+    effects, _ = population_design(design, priors, ("noise", "log_thickness_m"))
     rng, population = np.random.default_rng(3), {}
     for each in effects.blocks:
         several = each.spread or each.name.startswith("covariate")
@@ -138,6 +90,11 @@ def test_results_are_named_as_those_of_k_and_c() -> None:
     assert_allclose(found["effect_of_room_thickness_m"], slope[..., 0])
     own = (population["subject_effect_of_room_deviation_thickness_m"] / scale) + slope
     assert_allclose(found["subject_effect_of_room_thickness_m"], own)
+    of_room = population["sd_subject_effect_of_room_thickness_m"] / scale
+    assert_allclose(found["sd_subject_effect_of_room_thickness_m"], of_room)
+    exponent = population["mass_exponent_K"][..., None] + population["subject_mass_exponent_deviation_K"]
+    assert_allclose(found["subject_mass_exponent_K"], exponent)
+    assert "subject_mass_exponent_deviation_K" not in found
     of_people = population["log_thickness_m_mean"][..., None] + population["subject_effect_thickness_m"]
     assert_allclose(np.log(found["thickness_m_subject"]), of_people)
     names = {"sd_subject_thickness_m", "sd_session_thickness_m", "sd_log_thickness_m"}

@@ -15,21 +15,7 @@ from designs import REFERENCE, impacts
 
 ROWS = impacts().assign(sex=lambda t: np.where(t["subject"].isin(t["subject"].unique()[::2]), "f", "m"))
 ROWS["age"] = 20.0 + 3.0 * ROWS["subject"].factorize()[0] + ROWS["session"] ** 2
-WORDS = [
-    "side",
-    "sex",
-    "age",
-    "mass_kg",
-    "subject",
-    "trial",
-    "1",
-    "0",
-    "2",
-    "1e400",
-    "True",
-    "'left'",
-    "`side`",
-]
+WORDS = ["side", "sex", "age", "mass_kg", "subject", "trial", "1", "0", "2", "1e400", "'left'", "`side`"]
 SIGNS = [*"+-*/:|(){}[],.=<>!%~^\\", "**", "//", "==", "||", "and", "log(", "C(", "\n", " ", "+ (1|subject)"]
 PIECES = st.lists(st.sampled_from(WORDS + SIGNS), max_size=12)
 
@@ -41,12 +27,9 @@ PIECES = st.lists(st.sampled_from(WORDS + SIGNS), max_size=12)
         ("log(mass_kg) side + (1|subject)", 14),
         ("log(mass_kg), side", 13),
         ("side sex", 6),
-        ("side % sex", 6),
-        ("side and sex", 6),
         ('side["left"]', 5),
         ("side\nsex", 6),
         ("side // sex", 7),
-        ("side ! sex", 6),
         ("C(side, levels=1)", 15),
     ],
 )
@@ -59,17 +42,12 @@ def test_what_cannot_be_read_is_refused_with_its_place(formula, place):
     ("formula", "reason"),
     [
         ("age**2", "as {age**2}"),
-        ("(age)**2", "as {age**2}"),
-        ("(side + age)**age", "as in (a + b)**2"),
         ("(side + age)**1000000000", "as in (a + b)**2"),
         ("2*mass_kg", "2 is no term"),
-        ("mass_kg:2", "2 is no term"),
-        ("3", "3 is no term"),
         ("1e400*mass_kg", "beyond 1e308"),
         ("'side'", "a column stands without quotes"),
         ("age > 30", "as {age > 30}"),
         ("age*age", "adds nothing"),
-        ("side - sex", "a minus takes out a term that stands before it"),
         ("-side", "a minus takes out a term that stands before it"),
         ("1|subject", "a group term stands in parentheses"),
         ("(age + (1|subject)) * side", "no part of a term with *"),
@@ -149,7 +127,7 @@ def test_arithmetic_has_the_values_that_it_has_in_python(text):
 
 def test_quoted_columns_within_arithmetic_and_products_keep_their_quotes():
     rows = ROWS.rename(columns={"age": "age in years", "side": "left foot"})
-    for formula in ("{2 * `age in years`}", "`left foot`:sex", "(`age in years`|trial)"):
+    for formula in ("{2 * `age in years`}", "`left foot`:sex", "(`age in years`|trial)", "(1|`left foot`)"):
         found = resolve(formula, rows, REFERENCE)
         assert not found.faults
         assert resolve(str(found.terms), rows, REFERENCE).terms == found.terms

@@ -6,7 +6,6 @@ import pandas as pd
 from numpy.testing import assert_allclose
 
 from bayestissue.model.hierarchy.design import Design, build_design
-from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.population import covariances_of, population_design
 from bayestissue.model.hierarchy.priors import Priors
 from bayestissue.model.hierarchy.specification import Formulas
@@ -31,57 +30,19 @@ def design(repeats: int, formulas: Formulas | None = None) -> Design:
     return build_design(formulas, rows, reference_mass_kg=0.8, source="m.toml")
 
 
-def test_the_parts_of_b_have_their_names_places_and_priors() -> None:
-    priors = Priors()
-    locations, columns = population_design(design(2), priors, NUISANCE)
-    own = ["intercept", "mass_exponent", "covariate_effect", "subject_effect", "trial_effect"]
-    names = [f"{name}_{q}" for q in "KC" for name in own]
-    assert list(locations.parts) == [*names, "noise_mean", "atanh_theta1_mean"]
-    assert locations.size == 2 * (1 + 1 + 1 + 3 + 2) + 2
-    # An intercept, a mass exponent, a covariate and two trials each; people are eliminated first.
-    assert [m.shape[2] for m in columns.outer] == [5, 5, 1, 1]
-    assert [m.shape for m in columns.inner_element] == [(1, 3), (1, 3), (0, 3), (0, 3)]
-    assert locations.mean[locations.parts["intercept_C"]] == priors.intercept.C.mean
-    assert locations.sd[locations.parts["noise_mean"]] == priors.noise.sd
-    effect = locations.parts["trial_effect_K"]
-    assert np.isnan(locations.sd[effect]).all()
-    assert set(locations.spread[effect]) == {"sd_trial_K"}
-
-
 def test_impacts_of_one_cell_share_its_row() -> None:
     _, columns = population_design(design(4), Priors(), NUISANCE)
     assert sorted(np.unique(columns.cell, return_counts=True)[1]) == [4] * 6
-    _, one_each = population_design(design(1), Priors(), NUISANCE)
-    assert len(set(one_each.cell)) == 6
-
-
-def test_people_whom_no_term_asks_for_share_cells() -> None:
-    of_mass, level = (Formulas(K=terms, C=terms) for terms in ("log(mass_kg) + (1|trial)", "1"))
+    # People whom no term asks for share cells.
+    of_mass = Formulas(K="log(mass_kg) + (1|trial)", C="log(mass_kg) + (1|trial)")
     _, columns = population_design(design(2, of_mass), Priors(), NUISANCE)
     assert sorted(np.unique(columns.cell, return_counts=True)[1]) == [6, 6]
-    _, columns = population_design(design(2, level), Priors(), NUISANCE)
-    assert len(set(columns.cell)) == 1
-
-
-def test_expectations_are_the_sums_of_the_formula() -> None:
-    made = design(3, Formulas(K=WHOLE, C="1 + (1|subject)"))
-    locations, columns = population_design(made, Priors(), NUISANCE)
-    b = np.random.default_rng(0).normal(size=locations.size)
-    part = {name: b[place] for name, place in locations.parts.items()}
-    K = made.responses["K"]
-    log_K = (
-        part["intercept_K"] + part["mass_exponent_K"] * K.log_mass + K.covariates @ part["covariate_effect_K"]
-    )
-    log_K = log_K + part["subject_effect_K"][made.subject] + part["trial_effect_K"][made.trial]
-    log_C = part["intercept_C"] + part["subject_effect_C"][made.subject]
-    found = expected(columns, jnp.asarray(b))
-    assert_allclose(found[0], log_K, rtol=1e-13)
-    assert_allclose(found[1], log_C, rtol=1e-13)
-    assert_allclose(found[3], np.broadcast_to(part["atanh_theta1_mean"], 18), rtol=1e-13)
 
 
 def test_an_error_of_mass_moves_both_logs_alike() -> None:
     locations, _ = population_design(design(2), Priors(), NUISANCE)
+    assert locations.mean[locations.parts["intercept_C"]] == Priors().intercept.C.mean
+    assert locations.sd[locations.parts["noise_mean"]] == Priors().noise.sd
     sites = {name: jnp.asarray(0.1 * (1 + k)) for k, name in enumerate(sorted(set(locations.spread) - {""}))}
     sites |= {"sd_impact_K": jnp.asarray(0.3), "sd_impact_C": jnp.asarray(0.5)}
     sites |= {"residual_correlation": jnp.asarray(-0.4), "sd_noise": jnp.asarray(0.7)}

@@ -3,16 +3,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import jax
 import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue.base.errors import InputError, Problem
-from bayestissue.mechanics.oscillator import impact_motion
+from bayestissue.mechanics.oscillator import impact_motion, spring_damper
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare, with_discrepancy
-from bayestissue.model.hierarchy.trace_models import Kind
+from bayestissue.model.hierarchy.trace_models import Kind, log_likelihood, physical
 from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
 from bayestissue.recordings.dataset import Dataset, Trace, Uncertainty
 from bayestissue.recordings.signal import SignalOptions
@@ -86,18 +87,6 @@ def test_too_few_samples_name_every_impact() -> None:
     assert all(isinstance(problem.value, int) and problem.value < 8 for problem in problems)
 
 
-def test_formulas_that_this_design_can_not_tell_are_refused() -> None:
-    wrong = Formulas(K="log(mass_kg) + (1|subject)", C="energy_J + (1|trial)")
-    (problem,) = refused(dataset(), specification("arma", formula=wrong))
-    assert (problem.file, problem.column) == ("m.toml", "formula.C")
-    one_mass = dataset()
-    (first, second) = refused(
-        replace(one_mass, impacts=one_mass.impacts.assign(mass_kg=0.5)), specification("arma")
-    )
-    assert (first.column, second.column) == ("formula.K", "formula.C")
-    assert "log(mass_kg)" in first.remedy
-
-
 @pytest.mark.slow
 def test_the_chains_errors_reach_the_displacement() -> None:
     made = prepared("arma")
@@ -116,18 +105,13 @@ def test_the_chains_errors_reach_the_displacement() -> None:
     assert_allclose(np.exp(made.data.log_peak), made.signal.stop.x)
 
 
-def test_recorded_displacements_have_an_offset_but_no_velocity_to_be_wrong() -> None:
-    made = prepared("arma", dataset(quantity="displacement", uncertainty=Uncertainty(offset_sd=1e-4)))
+def test_recorded_displacements_have_an_offset_but_need_no_velocity() -> None:
+    recorded = dataset(quantity="displacement", uncertainty=Uncertainty(offset_sd=1e-4))
+    made = prepared("arma", replace(recorded, impacts=recorded.impacts.assign(velocity_m_s=np.nan)))
     level, ramp, parabola = np.asarray(made.data.record.error_sd).T
     assert (level >= 1e-4).all()
     assert not ramp.any()
     assert not parabola.any()
-
-
-def test_recorded_displacements_need_no_recorded_velocity() -> None:
-    made = dataset(quantity="displacement")
-    made = replace(made, impacts=made.impacts.assign(velocity_m_s=np.nan))
-    assert np.isfinite(prepared("a2", made).data.record.error_sd).all()
 
 
 @pytest.mark.slow
@@ -161,6 +145,24 @@ def test_a_discrepancy_adds_a_parameter_and_the_modes_of_every_window() -> None:
     assert other.model.nuisance == ("noise", "log_gain", "discrepancy")
     # A discrepancy takes up what a wrong moment of contact does.
     assert not other.data.record.contact.reach
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["arma", "impact"])
+def test_parameters_become_those_of_the_likelihood_each_impacts_its_own(kind: Kind) -> None:
+    made = prepared(kind)
+    middle = np.array([8.0, 3.0, -3.0, *[0.3] * (len(made.model.nuisance) - 1)])
+    u = middle[:, None] + 0.1 * np.random.default_rng(6).normal(size=(len(middle), len(MASS)))
+    at = physical(made.model, made.data, list(u))
+    assert_allclose(np.log(spring_damper(at.omega_n, at.zeta, MASS)), u[:2], rtol=1e-12)
+    noise = at.log_sigma
+    if kind == "arma":
+        assert_allclose(np.arctanh(at.theta1), u[3], rtol=1e-12)
+        noise = noise + np.log(1 + at.theta1**2) / 2
+    assert_allclose(noise, u[2] + made.data.log_peak, rtol=1e-12)
+    density, row = jax.jit(log_likelihood), np.array([1])
+    alone = density(made.model, made.data.impacts(row), list(u[:, row]))
+    assert_allclose(alone, density(made.model, made.data, list(u))[row], rtol=1e-10)
 
 
 def test_contact_that_does_not_show_may_be_in_any_of_some_cells() -> None:

@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.base.errors import codes_of
-from bayestissue.model.hierarchy.columns import untried, untried_words
+from bayestissue.model.hierarchy.columns import untried
 from designs import design_of, impacts
 
 
@@ -53,21 +52,3 @@ def test_each_is_tried_in_the_formula_that_these_rows_can_tell(rows: pd.DataFram
     assert [column["column"] for column in untried(used)] == ["material"]
     # Pads tell their material already.
     assert untried(used)[0]["formula"] == ""
-
-
-def test_they_are_asked_with_what_to_type() -> None:
-    pad = {"column": "pad", "number": False, "varies": "4 levels", "formula": "log(mass_kg) + pad"}
-    room = {"column": "my room", "number": True, "varies": "15 to 25", "formula": "1 + `my room`"}
-    lost = {"column": "material", "number": False, "varies": "2 levels", "formula": ""}
-    words = untried_words([pad, room, lost, *(lost | {"column": name} for name in ("shoe", "site", "batch"))])
-    scatter = "and is not in the formula: what differs there counts as scatter between impacts."
-    assert words == [
-        'pad varies (4 levels) and is not in the formula: does K differ by pad? --K "log(mass_kg) + pad"',
-        "my room varies (15 to 25) and is not in the formula: does K change with my room? "
-        "--K '1 + `my room`'",
-        f"material varies (2 levels) {scatter}",
-        f"shoe varies (2 levels) {scatter}",
-        "Also not in the formula: site, batch.",
-    ]
-    assert set(codes_of(words)) == {"columns-not-used"}
-    assert untried_words([]) == []
