@@ -15,54 +15,35 @@ from bayestissue.recordings.signal.quality import inspect, raised
 PHASES = np.random.default_rng(3).uniform(size=40)
 
 
-@pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
-@pytest.mark.parametrize("zeta", [0.1, 0.28, 1.0])
-@pytest.mark.parametrize("offset", [0.0, 5.0])
-def test_contact_is_found_within_a_sample_in_noise(rate, zeta, offset):
-    lab = record([Impact(67.0, zeta)] * 40, rate, before=0.02, phase=PHASES, noise=0.005, offset=offset)
-    assert np.abs(displacements(lab).contact_time_s).max() < 1 / rate
-
-
-@pytest.mark.parametrize("zeta", [0.1, 0.28, 1.0])
-def test_the_uncertainty_of_contact_is_what_it_says(zeta):
-    lab = record([Impact(67.0, zeta)] * 40, 1e4, before=0.02, phase=PHASES, noise=0.005)
+@pytest.mark.parametrize(("rate", "zeta"), [(2e3, 0.28), (1e4, 0.1), (1e4, 1.0), (5e4, 0.28)])
+def test_contact_is_found_within_a_sample_in_noise_and_errs_by_as_much_as_is_said(rate, zeta):
+    lab = record([Impact(67.0, zeta)] * 40, rate, before=0.02, phase=PHASES, noise=0.005, offset=5.0)
     made = displacements(lab)
+    assert np.abs(made.contact_time_s).max() < 1 / rate
     score = np.sqrt(np.mean((made.contact_time_s / made.contact.sd) ** 2))
     # The root mean square of 40 standardised errors has a standard error of 0.11; three of them.
     assert 0.66 < score < 1.34
 
 
-@pytest.mark.parametrize("zeta", [0.02, 0.28, 0.6, 2.0])
+@pytest.mark.parametrize("zeta", [0.02, 2.0])
 def test_contact_of_a_recording_cut_there_lies_within_an_interval_of_its_first_sample(zeta):
     lab = record([Impact(67.0, zeta)] * 20, 1e4, before=0.0, noise=0.005)
     made = displacements(lab)
     assert (made.contact.since_s * 1e4 < 1.0).all()
-    # Of eighty values hardly one is beyond three standard deviations.
+    # Of forty values hardly one is beyond three standard deviations.
     assert (made.contact.since_s < 3 * made.contact.sd).all()
 
 
-def test_the_clock_means_nothing_to_the_automatic_choice():
-    lab = record([Impact(67.0, 0.28)], 1e4, before=0.02, phase=0.4, noise=0.005)
-    here, there = displacements(lab), displacements(lab.moved(7.0))
-    np.testing.assert_allclose(here.x, there.x, rtol=1e-8)
-    assert there.contact_time_s[0] - here.contact_time_s[0] == pytest.approx(7.0, abs=1e-9)
-
-
-def test_time_zero_is_contact_where_the_options_say_so():
+def test_time_zero_is_contact_where_the_options_say_so_and_flagged_where_it_is_far_from_it():
     lab = record([Impact(67.0, 0.28)] * 5, 1e4, before=0.02, phase=0.4, noise=0.02)
     made = displacements(lab, SignalOptions(contact="time-zero"))
     np.testing.assert_allclose(made.contact_time_s, 0, atol=1e-12)
     np.testing.assert_allclose(made.contact.since_s, 0.4e-4, rtol=1e-6)
     assert (made.contact.sd == 0).all()
     assert made.flags == [[]] * 5
-
-
-@pytest.mark.parametrize("clock", [-0.004, 0.004])
-def test_time_zero_far_from_contact_is_flagged(clock):
-    lab = record([Impact(67.0, 0.28)], 1e4, before=0.02, noise=0.005).moved(clock)
-    made = displacements(lab, SignalOptions(contact="time-zero"))
-    assert "contact as chosen is more than 1 ms from where the trace shows it" in made.flags[0]
-    assert displacements(lab).flags == [[]]
+    far = displacements(lab.moved(0.004), SignalOptions(contact="time-zero"))
+    assert far.flags == [["contact as chosen is more than 1 ms from where the trace shows it"]] * 5
+    assert displacements(lab.moved(0.004)).flags == [[]] * 5
 
 
 def test_a_threshold_is_passed_later_than_contact():
@@ -87,14 +68,6 @@ def test_before_the_samples_are_asked_contact_lies_anywhere_between_two_of_them(
     given = displacements(lab, SignalOptions(contact="time-zero"))
     np.testing.assert_allclose(given.contact.bracket_s, given.contact.since_s)
     assert not given.contact.bracket_sd.any()
-
-
-def test_a_recording_that_seems_cut_at_contact_may_have_been_cut_at_any_moment_of_an_interval():
-    made = displacements(record([Impact(67.0, 0.28)] * 5, 1e4, before=0.0, noise=0.005))
-    assert made.phase.kind == "undecided"
-    np.testing.assert_allclose(made.contact.bracket_s, 0.5e-4, rtol=1e-6)
-    np.testing.assert_allclose(made.contact.bracket_sd, 1e-4 / np.sqrt(12), rtol=1e-6)
-    np.testing.assert_allclose(made.contact.interval_s, 1e-4, rtol=1e-6)
 
 
 def test_samples_before_the_first_are_kept_without_their_offset():
@@ -125,7 +98,7 @@ def test_a_force_that_rises_from_zero_may_have_begun_well_before_it_shows():
     assert (displacements(lab, SignalOptions(contact="time-zero")).before.reach_s == 0).all()
 
 
-@pytest.mark.parametrize("zeta", [2.5, 3.0, 4.0])
+@pytest.mark.parametrize("zeta", [2.5, 4.0])
 def test_contact_on_a_strong_damper_is_where_its_spring_pushes(zeta):
     """A spring that pulls, and contact elsewhere in the interval, explain the trace as well."""
     lab = record([Impact(60.0, zeta)] * 40, 5e3, before=0.01, after=0.01, phase=PHASES, noise=1e-4)
@@ -169,8 +142,9 @@ def held(lab: Lab, offset: float = 0.0, ring: float = 0.0) -> Lab:
     return replace(lab, traces=traces)
 
 
-@pytest.mark.parametrize(("offset", "ring"), [(0.0, 0.0), (3.0, 0.0), (-9.80665, 0.0), (0.0, 5.0)])
-@pytest.mark.parametrize("gravity", [0.0, 9.80665])
+@pytest.mark.parametrize(
+    ("gravity", "offset", "ring"), [(0.0, 3.0, 0.0), (9.80665, -9.80665, 0.0), (9.80665, 0.0, 5.0)]
+)
 def test_free_fall_after_a_held_mass_is_quiet(gravity, offset, ring):
     lab = record([Impact(39.0, 0.26, gravity=gravity)] * 5, 5e3, before=0.0, after=0.05, phase=PHASES[:5])
     dropped = held(lab, offset, ring)

@@ -8,7 +8,6 @@ import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 
 from bayestissue.recordings.signal import SignalOptions, displacement, displacements
-from bayestissue.recordings.signal.displacement import SLOWLY, TOO_FEW
 from bayestissue.recordings.signal.signal_settings import WindowSettings
 
 TISSUE = [Impact(np.sqrt(3000 / mass), zeta) for mass in (0.1, 0.666, 5.0) for zeta in (0.02, 0.28, 1.0, 2.0)]
@@ -16,7 +15,7 @@ TYPICAL = Impact(67.0, 0.28)
 
 
 @pytest.mark.parametrize("gravity", [0.0, 9.80665])
-@pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
+@pytest.mark.parametrize("rate", [2e3, 5e4])
 @pytest.mark.parametrize("before", [0.0, 0.01])
 def test_noise_free_displacements_are_those_of_the_motion(rate, before, gravity):
     phases = np.linspace(0, 0.95, 5) if before else np.zeros(1)
@@ -65,7 +64,7 @@ def test_the_offset_of_the_quiet_part_is_removed():
 
 @pytest.mark.parametrize("samples", [8, 21])
 def test_the_offset_errs_by_what_is_said_of_it(samples):
-    number = 2_000
+    number = 1_000
     made = displacements(record([TYPICAL] * number, 1e4, before=samples / 1e4, noise=0.005))
     told = made.quiet.there
     assert told.mean() > 0.95
@@ -75,13 +74,7 @@ def test_the_offset_errs_by_what_is_said_of_it(samples):
     )
 
 
-def test_no_offset_is_claimed_where_nothing_was_recorded_before_contact():
-    made = displacements(record([TYPICAL], 1e4, before=0.0, noise=0.005))
-    assert made.quiet.offset[0] == 0
-    assert "no quiet part before contact: no offset was removed" in made.notes[0]
-
-
-@pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
+@pytest.mark.parametrize("share", [0.25, 1.0])
 def test_a_window_can_end_before_zero_velocity(share):
     whole = displacements(record([TYPICAL], 1e4))
     part = displacements(record([TYPICAL], 1e4), SignalOptions(window=share))
@@ -91,17 +84,6 @@ def test_a_window_can_end_before_zero_velocity(share):
     assert part.time_to_peak[0] == whole.time_to_peak[0]
 
 
-def test_few_samples_until_zero_velocity_take_the_rebound_along_and_say_so():
-    slow, fast = record([TYPICAL], 250, noise=1e-3), record([TYPICAL], 500, noise=1e-3)
-    made, kept = displacements(slow), displacements(fast)
-    np.testing.assert_array_equal(made.x, displacements(slow, SignalOptions(window="rebound")).x)
-    assert made.flags == [[]]
-    assert SLOWLY in made.notes[0]
-    assert SLOWLY not in kept.notes[0]
-    assert kept.n_samples < displacements(fast, SignalOptions(window="rebound")).n_samples
-    assert TOO_FEW in displacements(slow, SignalOptions(window=0.9)).flags[0]
-
-
 def test_a_window_can_include_the_rebound():
     made = displacements(record([TYPICAL], 1e4), SignalOptions(window="rebound"))
     last = (made.n_samples[0] - 1) / 1e4
@@ -109,9 +91,7 @@ def test_a_window_can_include_the_rebound():
     assert 1.8 * TYPICAL.time_to_peak < last < 2 * TYPICAL.time_to_peak
 
 
-def test_a_window_of_few_samples_and_a_missing_stop_are_flagged():
-    short = record([TYPICAL], 100.0)
-    assert "fewer than 8 samples in the window" in displacements(short).flags[0]
+def test_a_missing_stop_is_flagged():
     cut = record([TYPICAL], 1e4)
     keep = cut.traces[0].time_s < TYPICAL.time_to_peak / 2
     cut.traces[0] = Recorded(cut.traces[0].time_s[keep], cut.traces[0].value[keep])
@@ -161,15 +141,7 @@ ODD = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quantity", ["deceleration", "acceleration", "displacement"])
-@pytest.mark.parametrize(
-    "choices",
-    [
-        {},
-        {"contact": "threshold"},
-        {"contact": "time-zero"},
-        {"window": "rebound"},
-    ],
-)
+@pytest.mark.parametrize("choices", [{}, {"contact": "threshold"}, {"window": "rebound"}])
 def test_odd_recordings_give_finite_numbers_and_no_warning(quantity, choices):
     for value in (*([value] for value in ODD.values()), list(ODD.values())):
         traces = [Recorded(np.arange(len(row)) * 1e-4, row) for row in value]
@@ -211,19 +183,6 @@ def test_noise_of_a_marker_hardly_ever_ends_a_window():
     """2 mm, where the motion is 15 mm deep: by the slope of five samples 18 of 40 windows ended too early."""
     ends = [displacements(recorded_displacements(1e3, 2e-3, seed)).time_to_peak[0] for seed in range(40)]
     assert (np.array(ends) < 0.6 * TYPICAL.time_to_peak).sum() <= 2
-
-
-def test_heel_strikes_get_windows_of_some_tens_of_milliseconds(heel_strikes):
-    from bayestissue.recordings.dataset import read_dataset
-
-    made = displacements(read_dataset(heel_strikes))
-    # The heel pad stops the foot within 10 to 60 ms at a depth of some millimetres.
-    assert ((made.time_to_peak > 0.005) & (made.time_to_peak < 0.1)).all()
-    assert np.median(made.time_to_peak) == pytest.approx(0.025, abs=0.02)
-    assert ((made.stop.x > 1e-3) & (made.stop.x < 0.03)).all()
-    assert (made.n_samples >= 8).all()
-    assert np.abs(made.contact_time_s).max() < 0.005
-    assert np.median(made.quiet.noise_sd) < 1e-4
 
 
 def test_a_window_ends_with_the_force_where_noise_keeps_the_velocity_above_zero():

@@ -4,31 +4,12 @@ import pytest
 from pydantic import ValidationError
 
 from bayestissue.base.errors import InputError
-from bayestissue.base.remedies import retired
 from bayestissue.base.resources import shared
 from bayestissue.recordings.signal import SignalOptions, read_signal_options
 
 
 def test_the_commented_model_file_has_the_defaults():
     assert read_signal_options(shared("models", "impact.toml")) == SignalOptions()
-
-
-def test_a_model_file_without_the_table_means_the_defaults(tmp_path):
-    path = tmp_path / "model.toml"
-    path.write_text('name = "mine"\n')
-    assert read_signal_options(path) == SignalOptions()
-
-
-def test_everything_wrong_is_named_at_once(tmp_path):
-    path = tmp_path / "model.toml"
-    path.write_text('[signal]\nwindow = "pk"\nfiltre = 60\nfilter = 180\n')
-    with pytest.raises(InputError) as refusal:
-        read_signal_options(path)
-    problems = {problem.column: problem for problem in refusal.value.problems}
-    assert set(problems) == {"signal.window", "signal.filtre", "signal.filter"}
-    assert "'peak' or 'rebound'" in problems["signal.window"].expected
-    assert "contact, window" in problems["signal.filtre"].expected
-    assert problems["signal.filter"].remedy == retired()["key"]["signal.filter"]
 
 
 def test_a_table_of_the_wrong_kind_is_refused(tmp_path):

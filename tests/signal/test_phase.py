@@ -32,9 +32,8 @@ def with_zero_at_contact(lab: Lab) -> Lab:
     return lab.changed(lambda time, value: (time, np.where(np.abs(time) < 0.1 / RATE, 0.0, value)))
 
 
-@pytest.mark.parametrize("clock", [0.0, 0.0137])
-def test_contact_at_a_sample_of_every_recording_is_found(clock):
-    made = displacements(lab(0.0).moved(clock))
+def test_contact_at_a_sample_of_every_recording_is_found():
+    made = displacements(lab(0.0).moved(0.0137))
     assert made.phase.kind == "first"
     assert made.phase.judged
     assert (made.contact.since_s == 0).all()
@@ -42,9 +41,8 @@ def test_contact_at_a_sample_of_every_recording_is_found(clock):
     assert all("contact is taken to be at a sample" in notes for notes in made.notes)
 
 
-@pytest.mark.parametrize("clock", [0.0, 0.0137])
-def test_a_contact_that_was_written_as_no_force_is_one_sample_earlier(clock):
-    made = displacements(with_zero_at_contact(lab(0.0)).moved(clock))
+def test_a_contact_that_was_written_as_no_force_is_one_sample_earlier():
+    made = displacements(with_zero_at_contact(lab(0.0)).moved(0.0137))
     assert made.phase.kind == "before"
     np.testing.assert_allclose(made.contact.since_s, 1 / RATE, rtol=1e-9)
 
@@ -58,8 +56,8 @@ def test_contact_declared_to_be_at_a_sample_is_where_the_clock_begins_unless_the
 
 def test_contact_anywhere_is_told_to_be_anywhere():
     random = np.random.default_rng(1)
-    kinds = [displacements(lab(random.uniform(size=NUMBER), seed=seed)).phase.kind for seed in range(20)]
-    # A judgement is one of 95 % at least: of twenty none is wrong but with a probability of 0.36 at the most,
+    kinds = [displacements(lab(random.uniform(size=NUMBER), seed=seed)).phase.kind for seed in range(10)]
+    # A judgement is one of 95 % at least: of ten none is wrong but with a probability of 0.6 at the most,
     # and of recordings with as little noise hardly any can be.
     assert set(kinds) == {"between"}
 
@@ -77,15 +75,6 @@ def test_one_recording_alone_tells_little():
     assert 0.3 < made.phase.sd < 0.65
 
 
-def test_what_recordings_hardly_tell_is_estimated_of_all():
-    """The place that all share is known to the error of a mean, and how they scatter beyond their errors."""
-    for place in (0.0, 0.3):
-        made = displacements(lab(place, noise=0.01, seed=3, number=12).moved(0.0137)).phase
-        if made.kind == "undecided":
-            assert made.mean == pytest.approx(place - 0.5, abs=2.5 * made.sd)
-            assert made.sd < 0.4
-
-
 def test_a_velocity_that_is_hardly_known_leaves_contact_open():
     # 1 % of the velocity moves contact by half an interval here, and by as much in every recording.
     unsure = replace(lab(0.0, noise=0.01), uncertainty=Uncertainty(velocity_sd_m_s=0.03))
@@ -98,15 +87,15 @@ def test_a_velocity_that_is_hardly_known_leaves_contact_open():
 def test_velocities_that_scatter_about_their_statement_do_not_spread_contact_over_the_interval():
     """Half a percent of each impact's own velocity scatters its contact by a quarter of an interval here."""
     sd, kinds = 0.005, []
-    for seed in range(20):
+    for seed in range(10):
         here = replace(lab(0.0, seed=seed), uncertainty=Uncertainty(velocity_sd_m_s=sd * TISSUE.velocity))
         own = 1 + sd * np.random.default_rng(seed).normal(size=NUMBER)
         faster = [Recorded(t.time_s, t.value * by) for t, by in zip(here.traces, own, strict=True)]
         here = replace(here, traces=faster)
         kinds.append(displacements(here.moved(0.0137)).phase.kind)
         assert not displacements(replace(here, contact="on_sample")).phase.contradicted
-    # "between" is wrong. What is judged is so with 95 % at least: more than three of twenty has 1.6 %.
-    assert kinds.count("between") <= 3
+    # "between" is wrong. What is judged is so with 95 % at least: more than two of ten has 1.2 %.
+    assert kinds.count("between") <= 2
 
 
 @pytest.mark.parametrize("zero", [False, True])
@@ -119,16 +108,15 @@ def test_what_is_declared_is_not_judged(zero):
     assert (declared.kind, declared.judged) == ("before" if zero else "first", False)
 
 
-@pytest.mark.parametrize("noise", [0.001, 0.002])
-def test_contact_that_is_declared_to_be_at_a_sample_and_is_not_is_contradicted(noise: float) -> None:
-    anywhere = lab(np.random.default_rng(4).uniform(size=NUMBER), noise=noise)
+def test_contact_that_is_declared_to_be_at_a_sample_and_is_not_is_contradicted() -> None:
+    anywhere = lab(np.random.default_rng(4).uniform(size=NUMBER))
     made = displacements(replace(anywhere, contact="on_sample"))
     assert made.phase.known
     assert made.phase.words.endswith("as declared: the recordings contradict it")
     assert all(NOT_ON_SAMPLE in notes for notes in made.notes)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("noise", "faster"), [(0.001, 1.0), (0.01, 1.0), (0.001, 1.01)])
 def test_contact_at_a_sample_is_not_contradicted(noise: float, faster: float, seed: int) -> None:
     """Nor where the velocity is one that nobody knows of: it moves contact in all impacts alike."""
@@ -137,13 +125,6 @@ def test_contact_at_a_sample_is_not_contradicted(noise: float, faster: float, se
     made = displacements(replace(at_sample, impacts=impacts))
     assert not made.phase.contradicted
     assert not any(NOT_ON_SAMPLE in notes for notes in made.notes)
-
-
-def test_an_impact_by_itself_has_the_place_of_contact_as_a_parameter() -> None:
-    made = lab(0.0, noise=0.01, number=1)
-    assert displacements(made).phase.kind == "undecided"
-    row = bt.estimate(made.dataset()).iloc[0]
-    assert row["C_low_N_s_per_m"] < 12 < row["C_high_N_s_per_m"]
 
 
 # A declared contact is no question; here all recordings tell, on a clock that knows nothing of contact.

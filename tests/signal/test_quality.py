@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,9 +13,8 @@ from scipy.stats import binom
 from bayestissue.base.remedies import flags as flags_by_key
 from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.recordings.signal import SignalOptions
-from bayestissue.recordings.signal.padded_traces import stack
 from bayestissue.recordings.signal.quality import inspect, raised
-from bayestissue.recordings.signal.quality.samples import PulseAndRests, slope, wave
+from bayestissue.recordings.signal.quality.samples import slope, wave
 
 TYPICAL = Impact(67.0, 0.28)
 COUNT = 5
@@ -80,27 +79,6 @@ def test_a_recording_that_begins_after_contact_is_found(late):
     assert flags(lab, SignalOptions(contact="time-zero")) == [[]] * COUNT
 
 
-def in_series(late: float, noise: float = 0.005, velocity: float = 1.5, tau: float = 0.02) -> Lab:
-    """Spring and damper in series, d = V w^2 e^(-t / 2 tau) sin(b t) / b, recorded from ``late`` on."""
-    omega = 67.0
-    b = np.sqrt(omega**2 - 1 / (4 * tau**2))
-    time = np.arange(int(0.95 * np.pi / b * 1e4) - round(late * 1e4)) * 1e-4
-    since = time + late + 0.3e-4
-    d = 1.5 * omega**2 * np.exp(-since / (2 * tau)) * np.sin(b * since) / b
-    random = np.random.default_rng(3)
-    traces = [Recorded(time, d + noise * d.max() * random.standard_normal(time.size)) for _ in range(COUNT)]
-    return replace(record([replace(TYPICAL, velocity=velocity)] * COUNT, 1e4), traces=traces)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("late", [0.001, 0.002, 0.004])
-def test_a_recording_that_begins_after_contact_is_found_whatever_the_tissue(late):
-    """An oscillator that begins at contact explains none of these, and one that begins before none either."""
-    words = "begins above zero: after contact, or with an offset"
-    assert all(words in row for row in flags(in_series(late)))
-    assert flags(in_series(0.0)) == [[]] * COUNT
-
-
 def test_where_noise_hides_when_contact_was_a_note_says_so():
     impacts = [replace(TYPICAL, zeta=0.5)] * COUNT
     lab = record(impacts, 1e4, before=0.0, after=0.03, noise=0.02)
@@ -154,24 +132,6 @@ def test_samples_that_repeat_are_found():
     assert all("samples that repeat the one before" in row for row in flags(replace(lab, traces=held)))
 
 
-@dataclass
-class Depths(Lab):
-    quantity: str = "displacement"
-
-
-def depths(first: float) -> Depths:
-    time = np.arange(400) * 1e-3 / 10
-    x = 0.02 * np.sin(np.pi / 2 * time / time[-1] * 1.2)
-    begin = int(np.argmax(x >= first * 0.02))
-    lab = record([TYPICAL] * COUNT, 1e4)
-    return Depths(lab.impacts, [Recorded(time[begin:], x[begin:])] * COUNT)
-
-
-def test_a_displacement_whose_first_sample_is_deep_is_found():
-    assert all("contact came before the recording" in row[0] for row in flags(depths(0.1)))
-    assert flags(depths(0.0)) == [[]] * COUNT
-
-
 @pytest.mark.parametrize("length", [20, 100, 300])
 def test_noise_alone_passes_for_a_wave_or_a_line_as_rarely_as_stated(length):
     count, level = 4000, 0.01
@@ -182,33 +142,12 @@ def test_noise_alone_passes_for_a_wave_or_a_line_as_rarely_as_stated(length):
         assert low <= (p < level).sum() <= high
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("rate", "zeta"), [(2e3, 3.0), (2e3, 4.0), (5e3, 5.0), (5e3, 10.0)])
-def test_a_force_that_jumps_at_contact_and_decays_at_once_is_no_spike(rate, zeta):
-    """By a third in a sampling interval at the most."""
-    lab = record([Impact(77.0, zeta)] * COUNT, rate, before=0.03, after=0.03, noise=0.003)
-    assert found(lab, "a spike") == []
-    traces = [Recorded(trace.time_s, trace.value.copy()) for trace in lab.traces]
-    for trace in traces:
-        trace.value[np.flatnonzero(trace.time_s > 0)[0] - 10] += trace.value.max()
-    assert len(found(replace(lab, traces=traces), "a spike")) == COUNT
-
-
-@pytest.mark.parametrize("rate", [250, 300, 400, 500])
-def test_a_pulse_of_few_samples_is_no_spike_and_one_beside_it_is_found(rate):
+@pytest.mark.parametrize(("rate", "zeta"), [(250, 0.28), (400, 0.28), (2e3, 4.0), (5e3, 10.0)])
+def test_a_short_pulse_or_a_jump_that_decays_at_once_is_no_spike_and_one_beside_it_is_found(rate, zeta):
     phases = np.arange(COUNT) / COUNT
-    lab = record([TYPICAL] * COUNT, rate, before=0.1, after=0.1, noise=0.001, phase=phases)
+    lab = record([Impact(67.0, zeta)] * COUNT, rate, before=0.1, after=0.1, noise=0.001, phase=phases)
     assert found(lab, "a spike") == []
     traces = [Recorded(trace.time_s, trace.value.copy()) for trace in lab.traces]
     for trace in traces:
         trace.value[10] += trace.value.max() / 2
     assert found(replace(lab, traces=traces), "a spike") == ["one at sample 11"] * COUNT
-
-
-def test_the_pulse_is_found_beside_a_spike_above_it():
-    lab = spoilt(lambda t, d: d + 2.0 * (np.arange(d.size) == 100))
-    seen = PulseAndRests.from_recordings(stack(lab.traces))
-    highest = TYPICAL.deceleration(np.linspace(0, TYPICAL.time_to_peak, 1000)).max()
-    # Five standard deviations of the noise.
-    assert seen.peak == pytest.approx([highest] * COUNT, rel=0.025)
-    assert (seen.before.sum(axis=1) > 200).all()
