@@ -157,7 +157,7 @@ def main(dataset: str = "data/example", model: str = "models/impact.toml") -> No
 
     runtime.keep_compiled()
     runtime.configure()
-    from bayestissue.commands.fit_command import fit
+    from bayestissue.commands.datasets import fit
 
     _time_stages()
     with tempfile.TemporaryDirectory() as folder:

@@ -33,7 +33,7 @@ read = FORMATS[".f64"].read(np.array([1000.0, 0.0, 5.0, 1.0]).tobytes(), "a.f64"
 print("format", read.values.tolist(), read.clock.tolist())
 
 import bayestissue as bt
-from bayestissue.commands.texts import explain
+from bayestissue.commands.program import explain
 from bayestissue.recordings.signal.quality import inspect, raised
 time = np.arange(400) / 1e4
 pulse = 0.5 * np.exp(-(((time - 0.02) / 0.004) ** 2)) + np.random.default_rng(0).normal(0, 1e-3, time.size)

@@ -17,7 +17,7 @@ import bayestissue
 from bayestissue import cli
 from bayestissue.base.errors import Coded, InputError, Problem, more
 from bayestissue.base.remedies import codes_in, entries, flags, headlines, messages, sentences
-from bayestissue.commands.texts import explain
+from bayestissue.commands.program import explain
 from bayestissue.inference.checking.findings import Finding, warned_codes, warnings
 from bayestissue.inference.checking.recording_warnings import flagged_recordings
 from bayestissue.model.hierarchy.combinations import COMBINATIONS

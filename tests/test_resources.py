@@ -10,7 +10,7 @@ import pytest
 
 from bayestissue.base.errors import InputError
 from bayestissue.base.resources import model_content, model_file, model_text, shared
-from bayestissue.commands import texts
+from bayestissue.commands import program
 from bayestissue.studies import fitting
 
 
@@ -107,7 +107,7 @@ def test_a_file_says_how_it_differs_from_another(elsewhere: Path):
 
 @pytest.mark.parametrize("name", [path.stem for path in sorted(shared("models").glob("*.toml"))])
 def test_a_model_is_printed_whole(name: str, capsys: pytest.CaptureFixture[str]):
-    texts.model(name)
+    program.model(name)
     printed = tomllib.loads(capsys.readouterr().out)
     content = model_content(shared("models", f"{name}.toml"))
     assert {"name": name, **printed} == content

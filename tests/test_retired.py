@@ -7,7 +7,7 @@ from bayestissue.base.errors import InputError
 from bayestissue.base.remedies import retired
 from bayestissue.base.resources import model_file, with_base
 from bayestissue.base.settings import TomlTable, checked
-from bayestissue.commands.texts import explain
+from bayestissue.commands.program import explain
 
 
 class Inner(TomlTable):

@@ -26,12 +26,10 @@ from bayestissue.commands import (
     datasets,
     delivery,
     finished_runs,
-    fit_command,
     init_command,
     live,
     plan_command,
-    texts,
-    verification,
+    program,
 )
 
 # Of the process, and what each means.
@@ -111,11 +109,11 @@ _FAILED = more(["machine-failed"])
 
 _COMMANDS: dict[str, Callable[..., None]] = {
     **{"plan": plan_command.plan, "init": init_command.run, "check": datasets.check},
-    **{"simulate": datasets.simulate, "estimate": datasets.estimate, "model": texts.model},
-    **{"fit": fit_command.fit, "reproduce": verification.reproduce, "report": finished_runs.report},
+    **{"simulate": datasets.simulate, "estimate": datasets.estimate, "model": program.model},
+    **{"fit": datasets.fit, "reproduce": program.reproduce, "report": finished_runs.report},
     **{"compare": finished_runs.compare, "ask": finished_runs.ask, "predict": finished_runs.predict},
-    **{"export": finished_runs.export, "watch": live.watch, "open": live.open_, "explain": texts.explain},
-    **{"selftest": verification.selftest, "certify": finished_runs.certify},
+    **{"export": finished_runs.export, "watch": live.watch, "open": live.open_, "explain": program.explain},
+    **{"selftest": program.selftest, "certify": finished_runs.certify},
 }
 for name, command in _COMMANDS.items():
     if command is init_command.run:

@@ -11,8 +11,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue.commands.datasets import check
-from bayestissue.commands.fit_command import what_is_untold
+from bayestissue.commands.datasets import check, what_is_untold
 from bayestissue.mechanics.oscillator import impact_motion
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import prepare

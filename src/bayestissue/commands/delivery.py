@@ -1,4 +1,22 @@
-"""How a command is declared and delivers what it computes: options of all, files, words, exit status."""
+"""How a command is declared and delivers what it computes: options of all, files, words, exit status.
+
+Options:
+    dataset: Folder with dataset.toml, impacts.csv and the traces.
+    run: Folder of a finished run of `bayestissue fit`.
+    out: Folder for the results; it must be new or empty.
+    overwrite: Replace what --out holds, if that is results of bayestissue and nothing else.
+    quiet: Print errors only.
+    as_json: Print the table as JSON.
+    skip_bad: Go on with the good impacts and list what was left out.
+    scheduler: A running Dask scheduler, such as tcp://host:8786. Its workers compute what is done impact by
+        impact, where there are hundreds.
+    port: Of the page on this machine; a free one unless given.
+    model: What is believed and sampled: the name of a model that comes with the program (impact of recorded
+        decelerations and accelerations and arma of displacements unless given; maxwell ...), from any folder,
+        or a file of your own. A name means the program's model; write ./NAME for a file that is called so.
+    C: The same of log C; that of --K unless given.
+    seed: Same seed, same machine: same numbers.
+"""
 
 from __future__ import annotations
 
@@ -25,58 +43,18 @@ if TYPE_CHECKING:
 
 # The exit status of what finished, but whose sampler's diagnostics failed.
 FAILED_DIAGNOSTICS = 3
-DatasetFolder = Annotated[
-    Path, typer.Argument(help="Folder with dataset.toml, impacts.csv and the traces.", metavar="DATASET")
-]
-Out = Annotated[Path, typer.Option("--out", help="Folder for the results; it must be new or empty.")]
-Overwrite = Annotated[
-    bool,
-    typer.Option(
-        "--overwrite",
-        help="Replace what --out holds, if that is results of bayestissue and nothing else.",
-    ),
-]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-Port = Annotated[
-    int,
-    typer.Option("--port", help="Of the page on this machine; a free one unless given.", min=0, max=65535),
-]
-FormulaOfC = Annotated[
-    str | None, typer.Option("--C", metavar="FORMULA", help="The same of log C; that of --K unless given.")
-]
-Json = Annotated[bool, typer.Option("--json", help="Print the table as JSON.")]
-SkipBad = Annotated[
-    bool, typer.Option("--skip-bad", help="Go on with the good impacts and list what was left out.")
-]
+DatasetFolder = Annotated[Path, typer.Argument(metavar="DATASET")]
+FinishedFit = Annotated[Path, typer.Argument(metavar="RUN")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q")]
+Json = Annotated[bool, typer.Option("--json")]
+Port = Annotated[int, typer.Option(min=0, max=65535)]
+FormulaOfK = Annotated[str | None, typer.Option("--K", metavar="FORMULA")]
+FormulaOfC = Annotated[str | None, typer.Option("--C", metavar="FORMULA")]
 # As text: a path would lose the "./" that tells a file from the program's model of that name.
-Model = Annotated[
-    str | None,
-    typer.Option(
-        "--model",
-        metavar="NAME|FILE",
-        help="What is believed and sampled: the name of a model that comes with the program (impact of "
-        "recorded decelerations and accelerations and arma of displacements unless given; maxwell ...), from "
-        "any folder, or a file of your own. A name means the program's model; write ./NAME for a file that "
-        "is called so.",
-    ),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="A running Dask scheduler, such as tcp://host:8786. Its workers compute what is done impact by "
-        "impact, where there are hundreds.",
-    ),
-]
-FinishedFit = Annotated[
-    Path, typer.Argument(help="Folder of a finished run of `bayestissue fit`.", metavar="RUN")
-]
-Seed = Annotated[
-    int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0, max=runtime.MOST_SEED)
-]
+Model = Annotated[str | None, typer.Option(metavar="NAME|FILE")]
+Seed = Annotated[int, typer.Option(min=0, max=runtime.MOST_SEED)]
 # Instead of the one that a file of the command states.
-OtherSeed = Annotated[int | None, typer.Option("--seed", min=0, max=runtime.MOST_SEED)]
+OtherSeed = Annotated[int | None, typer.Option(min=0, max=runtime.MOST_SEED)]
 
 
 @dataclass
@@ -97,9 +75,9 @@ class Call:
     """
 
     out: Path | None = None
-    scheduler: Scheduler = None
-    skip_bad: SkipBad = False
-    overwrite: Overwrite = False
+    scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS")] = None
+    skip_bad: bool = False
+    overwrite: bool = False
     quiet: Quiet = False
     as_json: Json = False
     target: OutputFolder | None = None
@@ -199,7 +177,7 @@ def _signature(function: Callable[..., Any], shared: tuple[str, ...], out: Any) 
     own = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "call"]
     needed = [p for p in own if p.default is p.empty or _is_argument(p)]
     common = inspect.signature(Call, eval_str=True).parameters
-    place = common["out"].replace(annotation=common["out"].annotation if out is None else Out, default=out)
+    place = common["out"].replace(annotation=common["out"].annotation if out is None else Path, default=out)
     last = [p for name, p in common.items() if name in (*shared, "overwrite", "quiet")]
     ordered = [*needed, place, *(p for p in own if p not in needed), *last]
     return inspect.Signature([p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in ordered])
@@ -224,11 +202,13 @@ def _print(result: Result, call: Call, verdict: Words, shown: Words) -> None:
 def documented(command: Callable[..., None]) -> tuple[Callable[..., None], str]:
     """The function of a command with the help of each option, and the help of the command itself.
 
-    Both are its docstring: what stands under ``Args:`` is an option's help, the rest the command's. An option
-    is so declared once: its name, type and default in the signature, its meaning in the docstring. What else
-    there is of it, such as bounds or another name, is `typer.Option` in its annotation; a bool is a flag.
+    Both are its docstring: what stands under ``Args:`` is an option's help, the rest the command's. Options
+    that several commands have are described in the docstring of this module. An option is so declared once:
+    its name, type and default in the signature, its meaning in a docstring. What else there is of it, such as
+    bounds or another name, is `typer.Option` in its annotation; a bool is a flag.
     """
-    words, helps = described(command.__doc__, "Args")
+    words, own = described(command.__doc__, "Args")
+    helps = described(__doc__, "Options")[1] | own
     signature = inspect.signature(command, eval_str=True)
     options = [
         _with_help(option, helps[option.name]) if option.name in helps else option

@@ -13,7 +13,7 @@ import typer
 
 from bayestissue.base.declarations import taking
 from bayestissue.base.errors import Problem, by_cause, printable, refuse
-from bayestissue.commands.delivery import Json, Overwrite, Quiet
+from bayestissue.commands.delivery import Json, Quiet
 
 if TYPE_CHECKING:
     from bayestissue.recordings.intake import MissingFact
@@ -46,7 +46,7 @@ def with_options() -> Callable[..., None]:
 def run(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER")],
     out: Path | None = None,
-    overwrite: Overwrite = False,
+    overwrite: bool = False,
     quiet: Quiet = False,
     as_json: Json = False,
     **stated: Any,

@@ -12,7 +12,7 @@ from bayestissue.base.errors import InputError, all_of, more
 from bayestissue.base.outline import counted
 from bayestissue.base.remedies import codes_in
 from bayestissue.base.words import Words
-from bayestissue.commands.delivery import Call, FormulaOfC, Model, OtherSeed, delivers
+from bayestissue.commands.delivery import Call, FormulaOfC, FormulaOfK, Model, OtherSeed, delivers
 from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def plan(
     groups: Annotated[list[str] | None, typer.Option(metavar="NAME=LEVELS")] = None,
     ask: Annotated[list[str] | None, typer.Option(metavar="CLAIM")] = None,
     model: Model = None,
-    K: Annotated[str | None, typer.Option("--K", metavar="FORMULA")] = None,
+    K: FormulaOfK = None,
     C: FormulaOfC = None,
     after: Annotated[Path | None, typer.Option(metavar="RUN")] = None,
     dataset: Annotated[Path | None, typer.Option(metavar="DATASET")] = None,
