@@ -185,6 +185,9 @@ def test_a_check_of_it_says_what_the_command_says(lab: Lab):
     found = bt.check(bt.dataset(*tables(), **GIVEN))
     assert found.verdict == bt.check(bt.read_dataset(lab.folder)).verdict
     assert len(found.quality) == len(tables()[0])
+    # Noise of 0.05 m/s² from 50 quiet samples: its standard error is 10 %, so 40 % is four of them.
+    np.testing.assert_allclose(found.quality["noise_sd_m_s2"], 0.05, rtol=0.4)
+    np.testing.assert_allclose(found.quality["sampling_rate_hz"], 1e4, rtol=1e-6)
     assert found.verdict in repr(found)
     assert "<table>" in found._repr_html_()
     assert found.problems.columns[0] == "severity"

@@ -59,11 +59,6 @@ def test_a_long_name_of_a_column_is_looked_through_once(name: str) -> None:
     assert unit_in_name("Impact ( m/s^2 ) ") == "m/s^2"
 
 
-def test_a_name_that_does_not_fit_is_refused() -> None:
-    with pytest.raises(InputError, match=r'x/s1.lvm: found "s1"; expected a name like "{subject}_{n}"'):
-        Pattern.parse("{subject}_{n}").read(Source(Path("x/s1.lvm"), "x/s1.lvm"))
-
-
 @pytest.mark.parametrize(("pattern", "says"), cases(__file__, "refused"))
 def test_a_pattern_that_is_none_is_refused(pattern: str, says: str) -> None:
     with pytest.raises(InputError) as refused:

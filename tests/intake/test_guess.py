@@ -55,15 +55,6 @@ def test_what_is_given_otherwise_does_not_matter_in_names() -> None:
     assert guessed(files, {"mass_kg", "side"}) == "{subject}_{}_{}g"
 
 
-def test_of_one_person_masses_in_names_are_read(tmp_path: Path) -> None:
-    copied(tmp_path, only="p1_*")
-    for given, subject in (({}, "p1"), ({"subject": "Anna"}, "Anna")):
-        facts = {"velocity_m_s": 1.5} | given
-        data = bt.init_dataset(tmp_path, tmp_path / subject, quantity="deceleration", given=facts)
-        assert sorted(set(data.impacts["mass_kg"])) == [0.5, 1.0]
-        assert set(data.impacts["subject"]) == {subject}
-
-
 @pytest.mark.parametrize(("names", "given", "found"), cases(__file__, "contradicted"))
 def test_what_a_name_says_otherwise_is_told_with_both(names: str, given: dict[str, str], found: list) -> None:
     files = [named(f"{name}.csv") for name in names.split()]
@@ -114,14 +105,6 @@ def test_what_is_left_out_has_a_default(tmp_path: Path, monkeypatch: pytest.Monk
     assert set(data.impacts["trial"]) == {"0.5 kg", "1 kg"}
     # As many digits as two samples in the time to peak are worth.
     assert "15.5 to 30.3 ms" in made.out
-
-
-def test_a_table_for_the_uncertainty_waits_where_none_was_stated(tmp_path: Path) -> None:
-    bt.init_dataset(RECORDED, tmp_path / "d", quantity="deceleration", given={"velocity_m_s": 1.5})
-    text = (tmp_path / "d" / "dataset.toml").read_text()
-    rows = text[text.index("# [uncertainty]") :].splitlines()
-    table = tomllib.loads("\n".join(row.removeprefix("# ") for row in rows))
-    assert table["uncertainty"]["velocity_sd_m_s"] == 0.01
 
 
 def test_a_pattern_where_a_person_is_asked_for_is_one(tmp_path: Path) -> None:
@@ -185,18 +168,6 @@ def test_a_table_says_who_was_hit_in_whatever_case(tmp_path: Path, head: str, pe
     else:
         assert intake.questions == ()
         assert len({row["subject"] for row in intake.facts.of_file.values()}) == people
-
-
-def test_a_velocity_may_stand_beside_its_height_in_a_table_of_whatever_case(tmp_path: Path) -> None:
-    """The velocity is what counts; that the two contradict each other is told of the dataset, with both."""
-    copied(tmp_path, count=2, name="rec_{}.lvm")
-    table = tmp_path / "facts.csv"
-    rows = "rec_0.lvm,p0,1,12,1.53414\nrec_1.lvm,p1,1,20,1.53414\n"
-    table.write_text(f"File,Subject,Mass_kg,Drop_height_cm,Velocity_m_s\n{rows}")
-    intake = prepare(tmp_path, choices_of(quantity="deceleration", table=table, gravity="drop"))
-    assert intake.questions == ()
-    rows = [(row["velocity_m_s"], row["drop_height_cm"]) for row in intake.facts.of_file.values()]
-    assert rows == [(1.53414, 12.0), (1.53414, 20.0)]
 
 
 def test_a_table_that_does_not_say_who_was_hit_leaves_it_to_the_names(tmp_path: Path) -> None:

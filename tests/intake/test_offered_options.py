@@ -85,17 +85,14 @@ def test_files_that_the_pattern_does_not_name_are_passed_over_and_said(tmp_path:
     for number in (1, 2):
         trial = recorded / f"s1_{number}"
         (trial / "meta").mkdir(parents=True)
-        pd.DataFrame({"Time (s)": TIME, "a (m/s^2)": value(number)}).to_csv(
-            trial / "Raw Data.csv", index=False
-        )
+        cells = pd.DataFrame({"Time (s)": TIME, "a (m/s^2)": value(number)})
+        cells.to_csv(trial / "Raw Data.csv", index=False)
         (trial / "meta" / "device.csv").write_text("property,value\nmodel,Phone\nversion,1.2\n")
-        (trial / "Annotation.csv").write_text("time,text\n")
     how = {"pattern": "{subject}_{n}/Raw Data.csv", "given": FACTS, "quantity": "deceleration"}
     data = bt.init_dataset(recorded, tmp_path / "made", **how)
     assert len(data.impacts) == 2
     page = (tmp_path / "made" / "init.html").read_text()
     assert "files that --pattern does not name" in page
-    assert "Annotation.csv" in page
     # A recording whose name is misspelt is none of them.
     (recorded / "s1_1" / "Raw Data.csv").rename(recorded / "s1_1" / "RawData.csv")
     with pytest.raises(InputError, match="a name like"):

@@ -9,7 +9,6 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
-from bayestissue.recordings.dataset.source_files import Source
 from command_line import Outcome, init
 from dataset_bench import deceleration
 from recorder_files import workbook, xlsx
@@ -118,11 +117,3 @@ def test_a_sheet_that_is_not_there_is_told(clinic: Path, tmp_path: Path) -> None
         InputError, match=r'found "before"; expected a sheet of the workbook. It has: notes, '
     ):
         bt.read_dataset(tmp_path / "d")
-
-
-def test_a_file_may_be_called_like_a_sheet(tmp_path: Path) -> None:
-    path = tmp_path / "a.xlsx#b"
-    assert (Source.at(path).path, Source.at(path).part) == (tmp_path / "a.xlsx", "b")
-    path.write_text("x")
-    assert (Source.at(path).path, Source.at(path).part) == (path, "")
-    assert Source.at(tmp_path / "drop#1.csv").part == ""

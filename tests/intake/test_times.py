@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -16,8 +15,6 @@ from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.clock_times import seconds
 from bayestissue.recordings.dataset.recorders import contents_of
 from bayestissue.recordings.dataset.source_files import Source
-from command_line import init
-from dataset_bench import deceleration
 from recorder_files import Styled, xlsx
 
 RATE, VELOCITY = 2000.0, 1.2
@@ -68,12 +65,10 @@ def test_other_cells_are_no_times(cells: list[str | None]) -> None:
     assert seconds(pa.array(cells, pa.string())) is None
 
 
-def folder(tmp_path: Path, table: pd.DataFrame, write: str = "csv") -> Path:
+def folder(tmp_path: Path, table: pd.DataFrame, parquet: bool = False) -> Path:
     recorded = tmp_path / "recorded"
     recorded.mkdir()
-    if write == "xlsx":
-        xlsx(recorded / "s1.xlsx", [list(table), *table.to_numpy().tolist()])
-    elif write == "parquet":
+    if parquet:
         table.to_parquet(recorded / "s1.parquet")
     else:
         table.to_csv(recorded / "s1.csv", index=False, sep=";")
@@ -89,8 +84,7 @@ def made(recorded: Path, tmp_path: Path, **options: object) -> bt.Dataset:
     )
 
 
-@pytest.mark.parametrize("name", ["Zeitstempel", "time"])
-@pytest.mark.parametrize("how", ["a date and a time", "in German", "of day"])
+@pytest.mark.parametrize(("how", "name"), [("in German", "Zeitstempel"), ("of day", "time")])
 def test_a_column_of_clock_times_is_the_time(how: str, name: str, tmp_path: Path) -> None:
     time, value = recording()
     data = made(folder(tmp_path, pd.DataFrame({name: HOW[how](time), "Impact": value})), tmp_path)
@@ -101,20 +95,8 @@ def test_a_column_of_clock_times_is_the_time(how: str, name: str, tmp_path: Path
 def test_a_parquet_column_of_moments_is_the_time(tmp_path: Path) -> None:
     time, value = recording()
     moments = pd.to_datetime([BEGIN + timedelta(seconds=float(t)) for t in time])
-    data = made(folder(tmp_path, pd.DataFrame({"at": moments, "Impact": value}), "parquet"), tmp_path)
+    data = made(folder(tmp_path, pd.DataFrame({"at": moments, "Impact": value}), parquet=True), tmp_path)
     np.testing.assert_allclose(data.traces[0].time_s, time, rtol=0, atol=1e-6)
-
-
-def test_a_unit_of_time_makes_a_column_one_of_times_and_never_the_channel(tmp_path: Path) -> None:
-    time, value = recording()
-    lost = np.delete(np.arange(time.size), 200)
-    table = pd.DataFrame({"Moment [ms]": 1e3 * time[lost], "N": range(lost.size), "Impact": value[lost]})
-    with pytest.raises(InputError) as refused:
-        bt.init_dataset(folder(tmp_path, table), tmp_path / "made")
-    asked = [problem.file for problem in refused.value.problems]
-    assert "--rate-hz" not in asked
-    assert "--time" not in asked
-    assert "--channel" not in asked
 
 
 @pytest.mark.parametrize("digits", [6, 3, 2])
@@ -143,14 +125,6 @@ def test_a_rate_that_the_times_contradict_is_refused(tmp_path: Path) -> None:
         made(recorded, tmp_path, rate_hz=2100.0)
 
 
-def test_clock_times_of_a_workbook_are_seconds(tmp_path: Path) -> None:
-    time, value = recording()
-    table = pd.DataFrame({"Uhrzeit": HOW["a date and a time"](time), "Impact": value})
-    channels = contents_of(Source.at(folder(tmp_path, table, "xlsx") / "s1.xlsx")).channels
-    np.testing.assert_allclose(channels["Uhrzeit"].values, time, rtol=0, atol=1e-9)
-    assert channels["Uhrzeit"].unit == "s"
-
-
 @pytest.mark.parametrize(
     ("style", "begin", "within"), [(1, 0.4, 1e-8), (2, 45_000.4, 2e-6), (3, 0.0, 1e-9), (4, 0.0, 1e-9)]
 )
@@ -162,17 +136,3 @@ def test_times_of_a_workbook_keep_all_their_digits(
     xlsx(tmp_path / "a.xlsx", [["Zeit", "a"], *map(list, zip(cells, value.tolist(), strict=True))])
     channels = contents_of(Source.at(tmp_path / "a.xlsx")).channels
     np.testing.assert_allclose(channels["Zeit"].values, time, rtol=0, atol=within)
-
-
-def test_a_time_that_stands_twice_is_refused_without_numpy_s_warnings(tmp_path: Path) -> None:
-    (tmp_path / "rec").mkdir()
-    time, value = deceleration(0.5, 1.2)
-    cells = pd.DataFrame({"t": time.round(3), "a": value})
-    cells.to_csv(tmp_path / "rec" / "r.csv", index=False)
-    facts = {"mass_kg": 0.5, "velocity_m_s": 1.2, "subject": "s", "trial": "x"}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        refused = init(tmp_path / "rec", tmp_path / "out", unit="m/s^2", set=facts)
-    assert refused.status == 2
-    assert "times-disorder" in refused.err
-    assert "RuntimeWarning" not in refused.err
