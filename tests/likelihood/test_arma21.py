@@ -4,14 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import tinygp
 from scipy.stats import multivariate_normal
 from statsmodels.tsa.arima.model import ARIMA
 from statsmodels.tsa.arima_process import arma_acovf
 
-from bayestissue.mechanics.oscillator import to_differences, to_discrete
-from bayestissue.model.likelihood import arma21_log_likelihood, sine_transforms
-from bayestissue.model.likelihood.arma.arma21 import arma21_series, start_moments
+from bayestissue.mechanics.oscillator import to_discrete
+from bayestissue.model.likelihood import arma21_log_likelihood, quadratic, sine_transforms
 
 THETAS = [-1.0, -0.999, -0.27, 0.0, 0.5, 1.0, 1.3]
 COMPLEX, REAL = (1.9, -0.92), (1.6, -0.62)
@@ -20,13 +18,6 @@ FINE = tuple(float(c) for c in to_discrete(0.01, 0.3, 1.0)[:2])
 
 def walk(n: int = 50, seed: int = 1) -> np.ndarray:
     return 0.1 * np.random.default_rng(seed).normal(size=n).cumsum()
-
-
-def by_differences(
-    x: np.ndarray | jax.Array, c1: jax.Array, c2: jax.Array, *rest: jax.Array, start: str = "free"
-) -> jax.Array:
-    """The density by c1 = 2 - phi1 and c2 = 1 - phi1 - phi2, in which no digits cancel."""
-    return arma21_log_likelihood(x, 2 - c1, c1 - c2 - 1, *rest, start=start)  # type: ignore[arg-type]
 
 
 def dense_free(x: np.ndarray, phi: tuple[float, float], theta1: float, sigma_a: float) -> float:
@@ -52,7 +43,7 @@ def test_free_start_is_the_dense_normal(theta1: float, phi: tuple[float, float])
 
 
 @pytest.mark.parametrize("phi", [COMPLEX, REAL])
-@pytest.mark.parametrize("theta1", [-0.6, -0.27, 0.0, 0.5, 1.0, 1.3])
+@pytest.mark.parametrize("theta1", [-0.6, 0.0, 1.0, 1.3])
 def test_stationary_start_is_the_dense_normal(theta1: float, phi: tuple[float, float]) -> None:
     x = walk()
     expected = dense_stationary(x, phi, theta1, 0.3)
@@ -62,7 +53,7 @@ def test_stationary_start_is_the_dense_normal(theta1: float, phi: tuple[float, f
     )
 
 
-@pytest.mark.parametrize(("omega_dt", "zeta"), [(0.5, 0.05), (0.5, 0.7), (0.5, 1.0), (0.5, 2.0), (0.05, 0.3)])
+@pytest.mark.parametrize(("omega_dt", "zeta"), [(0.5, 1.0), (0.5, 2.0), (0.05, 0.3)])
 def test_stationary_start_is_the_one_of_statsmodels(omega_dt: float, zeta: float) -> None:
     x = walk(200)
     phi1, phi2, theta1 = (float(c) for c in to_discrete(omega_dt, zeta, 1.0))
@@ -73,6 +64,16 @@ def test_stationary_start_is_the_one_of_statsmodels(omega_dt: float, zeta: float
     assert float(ours) == pytest.approx(expected, rel=1e-8)
 
 
+log_determinant = jax.jit(quadratic.log_determinant)
+
+
+@pytest.mark.parametrize("theta1", [-1.3, -1.0, -0.9999, -0.5, 0.0, 1.0])
+@pytest.mark.parametrize("count", [1, 7, 4000])
+def test_determinant_is_the_sum_of_even_powers(theta1: float, count: int) -> None:
+    expected = np.logaddexp.reduce(2 * np.arange(count + 1) * np.log(max(abs(theta1), 1e-300)))
+    assert float(log_determinant(theta1, float(count))) == pytest.approx(expected, abs=1e-9)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("start", ["free", "stationary"])
 def test_derivatives_match_finite_differences(start: str) -> None:
@@ -81,7 +82,9 @@ def test_derivatives_match_finite_differences(start: str) -> None:
 
     @jax.jit
     def each(p: jax.Array) -> jax.Array:
-        return by_differences(x, *p, start=start)
+        # By c1 = 2 - phi1 and c2 = 1 - phi1 - phi2, in which no digits cancel.
+        c1, c2, *rest = p
+        return arma21_log_likelihood(x, 2 - c1, c1 - c2 - 1, *rest, start=start)  # type: ignore[arg-type]
 
     total = jax.jit(jax.grad(lambda p: each(p).sum()))
     steps = np.array([1e-6, 1e-7, 1e-5, 1e-6])
@@ -93,71 +96,8 @@ def test_derivatives_match_finite_differences(start: str) -> None:
     np.testing.assert_allclose(total(columns), finite, rtol=2e-6, atol=2e-4)
 
 
-def test_curvature_matches_differences_of_the_gradient() -> None:
-    x = walk(80)
-    point, step = jnp.array([0.1, 0.02, -0.4, 0.3]), 1e-5
-
-    def value(p: jax.Array) -> jax.Array:
-        return by_differences(x, *p)
-
-    slope = jax.jit(jax.grad(value))
-    finite = [(slope(point + step * e) - slope(point - step * e)) / (2 * step) for e in jnp.eye(4)]
-    np.testing.assert_allclose(jax.jit(jax.hessian(value))(point), finite, rtol=1e-5, atol=1e-2)
-
-
-@pytest.mark.parametrize("theta1", [-1.0, 1.0])
-def test_gradient_is_clean_where_theta1_turns_non_invertible(theta1: float) -> None:
-    # theta1 -> 1/theta1 with sigma_a -> sigma_a theta1 leaves the density: fixes the slope at the edge
-    x = walk()
-
-    def value(log_theta: jax.Array) -> jax.Array:
-        ratio = jnp.exp(log_theta)
-        return arma21_log_likelihood(x, *COMPLEX, theta1 * ratio, 0.3 / jnp.sqrt(ratio))
-
-    assert float(jax.grad(value)(jnp.array(0.0))) == pytest.approx(0.0, abs=1e-8)
-    near = [float(jax.grad(value)(jnp.array(side))) for side in (-1e-6, 1e-6)]
-    assert near[0] == pytest.approx(-near[1], rel=1e-3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("zeta", [0.1, 0.45, 0.8, 2.0])
-def test_sampled_a2_is_the_sho_kernel_of_tinygp(zeta: float) -> None:
-    omega_n, dt, n = 80.0, 1e-3, 120
-    x = 0.01 * np.random.default_rng(3).normal(size=n).cumsum()
-    # the shocks' standard deviation that makes the stationary one 1 cm
-    sigma_a = 0.01 / jnp.sqrt(start_moments(*to_differences(omega_n, zeta, dt), 1.0)[0])
-    ours = arma21_log_likelihood(x, *to_discrete(omega_n, zeta, dt), sigma_a, start="stationary")
-    kernel = tinygp.kernels.quasisep.SHO(omega=omega_n, quality=1 / (2 * zeta), sigma=0.01)
-    theirs = tinygp.GaussianProcess(kernel, dt * np.arange(n), diag=0.0).log_probability(x)
-    # well sampled, the kernel's own factor loses (omega_n dt)^3 of its digits
-    assert float(ours) == pytest.approx(float(theirs), rel=1e-6)
-
-
-def test_series_have_the_moments_of_the_density() -> None:
-    # under the true density each score has mean zero and a variance equal to the information
-    truth, first = jnp.array([0.3, 0.08, -0.5, 0.2]), jnp.array([0.0, 0.5])
-    shocks = truth[3] * jax.random.normal(jax.random.key(0), (59, 4000))
-    series = arma21_series(first, shocks, *truth[:3])
-    assert (series[:, :2] == first).all()
-
-    def value(p: jax.Array, x: jax.Array) -> jax.Array:
-        return by_differences(x, *p)
-
-    scores = jax.jit(jax.vmap(jax.grad(value), (None, 0)))(truth, series)
-    z = scores.mean(0) / (scores.std(0) / np.sqrt(len(series)))
-    # four standard normal numbers: beyond 4 once in 4000 times
-    assert np.abs(z).max() < 4
-
-
 def test_no_stationary_distribution_has_no_density() -> None:
     assert float(arma21_log_likelihood(walk(), 2.1, -1.05, 0.0, 1.0, start="stationary")) == -np.inf
-
-
-def test_parameters_and_series_broadcast() -> None:
-    x = np.stack([walk(40, 1), walk(40, 2)])
-    values = arma21_log_likelihood(x[:, None], 1.9, -0.92, np.array([-0.5, 0.0, 0.5]), 0.3)
-    assert values.shape == (2, 3)
-    assert float(values[1, 2]) == pytest.approx(float(arma21_log_likelihood(x[1], 1.9, -0.92, 0.5, 0.3)))
 
 
 def test_wrong_arguments_are_refused() -> None:

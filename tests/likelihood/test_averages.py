@@ -33,9 +33,7 @@ def test_statistics_and_their_inverse_are_one_to_one() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("sd_K", "sd_C", "r"), [(0.03, 0.3, -0.5), (0.03, 0.03, 0.0), (0.1, 0.8, -0.5), (0.8, 0.8, 0.3)]
-)
+@pytest.mark.parametrize(("sd_K", "sd_C", "r"), [(0.03, 0.3, -0.5), (0.8, 0.8, 0.3)])
 def test_moments_are_those_of_simulated_averages(sd_K: float, sd_C: float, r: float) -> None:
     loc, scale_tril = pairs(sd_K, sd_C, r)
     events = np.asarray(
@@ -82,39 +80,3 @@ def test_log_density_is_the_normal_of_those_moments() -> None:
     values = mean + sd * np.random.default_rng(0).standard_normal((50, 4))
     ours = AveragesOfLognormals(jnp.asarray(loc), jnp.asarray(scale_tril)).log_prob(jnp.asarray(values))
     assert_allclose(ours, multivariate_normal(mean, covariance).logpdf(values), rtol=1e-11)
-
-
-def test_a_small_spread_leaves_the_mean_of_normal_logs() -> None:
-    # For a small spread the logs are all there is: m is normal with sd σ/√n exactly.
-    loc, scale_tril = pairs(0.005, 0.005, 0.0)
-    mean, sd, _ = average_moments(jnp.asarray(loc), jnp.asarray(scale_tril))
-    # The table has 40 000 draws: four standard errors of a standard deviation.
-    assert_allclose(sd[0], 0.005 / np.sqrt(PEOPLE), rtol=4 / np.sqrt(2 * SIMULATIONS))
-    assert_allclose(mean[0], 2.5, atol=4 * 0.005 / np.sqrt(PEOPLE * SIMULATIONS) + 0.005**2)
-
-
-def test_gradient_agrees_with_finite_differences() -> None:
-    loc, scale_tril = pairs(0.1, 0.3, -0.5, spread=0.05)
-    value = jnp.array([2.5, 0.25, 0.2, 0.45])
-
-    @jax.jit
-    def density(shift: jax.Array) -> jax.Array:
-        moved = jnp.asarray(loc).at[3].add(shift[:2])
-        return AveragesOfLognormals(moved, jnp.asarray(scale_tril) * jnp.exp(shift[2])).log_prob(value)
-
-    gradient = np.asarray(jax.jit(jax.grad(density))(np.zeros(3)))
-    step = 1e-6
-    numeric = [
-        (density(step * direction) - density(-step * direction)) / (2 * step) for direction in np.eye(3)
-    ]
-    # Central differences: rounding ε|f|/step ≈ 1e-8 of terms of order 100.
-    assert_allclose(gradient, numeric, rtol=1e-6, atol=1e-6)
-
-
-def test_a_common_factor_of_all_K_moves_only_the_mean() -> None:
-    loc, scale_tril = pairs(0.1, 0.3, -0.5, spread=0.05)
-    before = average_moments(jnp.asarray(loc), jnp.asarray(scale_tril))
-    after = average_moments(jnp.asarray(loc + np.array([0.7, 0.0])), jnp.asarray(scale_tril))
-    assert_allclose(after[0] - before[0], [0.7, 0, 0, 0], atol=1e-13)
-    assert_allclose(after[1], before[1], rtol=1e-12)
-    assert_allclose(after[2], before[2], rtol=1e-12)

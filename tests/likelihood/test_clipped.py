@@ -1,32 +1,15 @@
-"""Clipped samples: a trace without any, and replicates."""
+"""Replicates of clipped samples."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from recorded_impacts import clipped
 
-from bayestissue.model.likelihood.element.impact import MeasuredImpact
-
 pytestmark = pytest.mark.slow
-
-
-@jax.jit
-def log_density(measured: MeasuredImpact) -> jax.Array:
-    return measured.log_density()
-
-
-def test_without_a_clipped_sample_it_is_the_density_of_all() -> None:
-    measured = clipped().measured
-    none, never = (
-        replace(measured, record=measured.record._replace(clipped=each))
-        for each in (jnp.zeros_like(measured.record.d), None)
-    )
-    np.testing.assert_allclose(log_density(none), log_density(never), rtol=1e-12)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import factorial
 from typing import Any
 
 import jax
@@ -136,13 +135,6 @@ def test_many_impacts_are_summed_block_by_block() -> None:
     assert_allclose(blocks, np.asarray(one_block)[rows], rtol=1e-12)
 
 
-def test_what_is_left_out_within_the_bound_is_less_than_rounding() -> None:
-    most = RADIUS**TERMS / factorial(TERMS) / (1 - RADIUS / (TERMS + 1))
-    assert most < 2.0**-53
-    tail = sum(RADIUS**k / factorial(k) for k in range(TERMS, 2 * TERMS))
-    assert tail < most
-
-
 def test_the_bound_is_of_the_norm_of_the_motion_s_matrix() -> None:
     here = record(gravity=False, modes=False, uniform=False)
     traces = compressed(here)
@@ -157,43 +149,6 @@ def test_the_bound_is_of_the_norm_of_the_motion_s_matrix() -> None:
         TISSUE, jnp.full((2, IMPACTS), jnp.nan), NoiseParameters(jnp.zeros(IMPACTS)), here
     )
     assert not within(traces, outside).any()
-
-
-def test_nodes_stand_for_all_samples() -> None:
-    """Sums over samples of products of polynomials, and of a trace with one, are those over the nodes."""
-    here = record(gravity=False, modes=False, uniform=False)
-    traces = compressed(here)
-    weight = np.asarray(traces.root_weight[0]) ** 2
-    assert_allclose(weight.sum(0), SAMPLES, rtol=1e-13)
-    later, values, d = np.asarray(traces.later[0]), np.asarray(traces.values[0, 0]), np.asarray(here.d)
-    nodes = np.concatenate([-later[::-1], later])
-    for row, count in enumerate(SAMPLES):
-        even, terms = np.linspace(-1, 1, count), RNG.normal(size=(2, min(count, TERMS)))
-        f, g = (np.polynomial.legendre.legval(even, c) for c in terms)
-        at_f, at_g = (np.polynomial.legendre.legval(nodes[:, row], c) for c in terms)
-        size = np.linalg.norm(f) * np.linalg.norm(g)
-        assert_allclose((weight[:, row] * at_f * at_g).sum(), f @ g, atol=1e-11 * size)
-        of_trace = (values[:, row] * np.sqrt(weight[:, row]) * at_f).sum()
-        size = np.linalg.norm(d[row, :count]) * np.linalg.norm(f)
-        assert_allclose(of_trace, d[row, :count] @ f, atol=1e-11 * size)
-    whole = (values**2).sum(0) + traces.left
-    assert_allclose(whole, (d**2).sum(1), rtol=1e-12)
-
-
-def test_fifty_thousand_samples_are_as_few_nodes() -> None:
-    count, omega_n, zeta = 50_000, np.array([60.0]), np.array([0.3])
-    dt = np.asarray(time_to_peak(omega_n, zeta)) / count
-    time = dt[:, None] * np.arange(count)
-    clean = np.asarray(impact_motion(time, omega_n[:, None], zeta[:, None], 1.5).deceleration)
-    d = clean + NOISE * clean.max() * RNG.normal(size=clean.shape)
-    here = record_of(d, 0.0, dt, 1.5, error_sd=(0.01, 0.2, 1e-6))
-    traces = compressed(here)
-    assert traces.values.shape == (1, 1, TERMS, 1)
-    parameters = jnp.asarray([omega_n**2, 2 * zeta * omega_n]) * 1.01
-    log_sigma = jnp.log(jnp.asarray([NOISE * clean.max()]))
-    exact, found, inside = both(traces, MeasuredImpact(TISSUE, parameters, NoiseParameters(log_sigma), here))
-    assert inside.all()
-    assert_allclose(found, exact, atol=1e-5)
 
 
 def test_no_other_traces_are_compressed() -> None:

@@ -106,30 +106,6 @@ def test_the_mean_is_what_scipy_makes_of_the_samples(name, recorder):
     np.testing.assert_allclose(cells.jerk[0, inside], slope, atol=(tail + 1e-4) * np.abs(slope).max())
 
 
-def test_an_analog_filter_of_the_same_corner_is_another():
-    """By several times what noise of half a per cent of the peak would hide."""
-    time = (np.arange(SAMPLES) + 0.13) * DT
-    digital, _ = likelihoods(FILTERS[0])
-    parameters = jnp.array([[value] for value in TISSUES["kelvin_voigt"].values()])
-    tissue = element("kelvin_voigt")
-    both = [
-        answered(tissue, parameters, record(time[0], low_pass)).d[0]
-        for low_pass in (digital, digital._replace(corner=None))
-    ]
-    assert np.abs(both[0] - both[1]).max() > 0.02 * np.abs(both[0]).max()
-
-
-def test_a_filter_far_below_the_sampling_rate_is_the_analog_one():
-    slow, _ = likelihoods(LowPassFilter(low_pass_hz=RATE / 400, applied="digital"))
-    parameters = jnp.array([[value] for value in TISSUES["kelvin_voigt"].values()])
-    both = [
-        answered(element("kelvin_voigt"), parameters, record(0.5 * DT, low_pass)).d[0]
-        for low_pass in (slow, slow._replace(corner=None))
-    ]
-    # The samples know of contact to half an interval: half of the angle of the corner in it.
-    np.testing.assert_allclose(both[0], both[1], atol=np.pi / 400 * np.abs(both[1]).max())
-
-
 @pytest.mark.parametrize("recorder", FILTERS[:4], ids=str)
 def test_the_slowest_part_dies_away_as_the_filter_rings(recorder):
     """The answer to an impulse is at most its slowest pole's, which the samples far from it show."""

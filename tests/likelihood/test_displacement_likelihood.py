@@ -53,11 +53,6 @@ def densities(*parts: jax.Array | None) -> jax.Array:
     return MeasuredDisplacement(*parts, RECORD).log_density()  # type: ignore[arg-type]
 
 
-def density_of(value: np.ndarray) -> jax.Array:
-    """Of other traces of the same record."""
-    return replace(measured(), record=RECORD.with_traces(value)).log_density()
-
-
 def filtered(x: np.ndarray, i: int) -> np.ndarray:
     """x_t - phi1 x_{t-1} - phi2 x_{t-2} from the textbook's coefficients."""
     c1, c2, _ = (float(c) for c in to_differences(OMEGA_N[i], ZETA[i], DT[i]))
@@ -115,14 +110,10 @@ def test_sampled_a2_takes_theta1_from_the_oscillator() -> None:
     assert_allclose(found, dense_log_density(np.asarray(RECORD.x), theta1), rtol=1e-8)
 
 
-def test_other_traces_have_their_own_density() -> None:
-    other = np.asarray(RECORD.x) * 1.1
-    assert_allclose(density_of(other), dense_log_density(other, THETA1), rtol=1e-8)
-
-
-def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
-    value = np.where(np.arange(40) < LENGTHS[:, None], RECORD.x, 7.0)
-    assert_allclose(density_of(value), densities(*parameters()), rtol=1e-9)
+def test_other_traces_have_their_own_density_and_what_lies_past_their_end_counts_nothing() -> None:
+    other = np.where(np.arange(40) < LENGTHS[:, None], 1.1 * np.asarray(RECORD.x), 7.0)
+    found = replace(measured(), record=RECORD.with_traces(other)).log_density()
+    assert_allclose(found, dense_log_density(other, THETA1), rtol=1e-8)
 
 
 @pytest.mark.slow
@@ -151,38 +142,6 @@ def test_slopes_are_central_differences(theta1: np.ndarray | None) -> None:
         assert_allclose(slope, (ahead - behind) / (2 * step), rtol=2e-6, atol=1e-13 * 500 / step.min())
 
 
-@pytest.mark.slow
-def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
-    shifts = jnp.array([0.9, 1.0, 1.2])
-
-    def total(shift: jax.Array) -> jax.Array:
-        rest = tuple(map(jnp.asarray, (ZETA, THETA1, LOG_SIGMA)))
-        return MeasuredDisplacement(shift * OMEGA_N, *rest, RECORD).log_density().sum()
-
-    both = jax.value_and_grad(total)
-    values, slopes = jax.jit(jax.vmap(both))(shifts)
-    for shift, value, slope in zip(shifts, values, slopes, strict=True):
-        # The same sums in another order.
-        assert_allclose((value, slope), jax.jit(both)(shift), rtol=1e-10)
-
-
-@pytest.mark.slow
-def test_curvature_is_the_difference_of_slopes() -> None:
-    shared = [jnp.asarray(p) for p in (OMEGA_N, ZETA, THETA1, LOG_SIGMA)]
-    at = jnp.stack(shared)[:, 3]
-
-    def density(p: jax.Array) -> jax.Array:
-        full = [q.at[3].set(p[k]) for k, q in enumerate(shared)]
-        return MeasuredDisplacement(*full, RECORD).log_density()[3]
-
-    curvature, slopes = jax.jit(jax.hessian(density))(at), jax.jit(jax.grad(density))
-    for k in range(4):
-        step = 1e-5 * max(abs(float(at[k])), 0.1)
-        found = (slopes(at.at[k].add(step)) - slopes(at.at[k].add(-step))) / (2 * step)
-        # As above, one order of derivative up.
-        assert_allclose(curvature[k], found, rtol=1e-5, atol=1e-7 * np.abs(curvature[k]).max())
-
-
 def test_without_errors_the_slopes_stay_finite() -> None:
     data = record(np.zeros_like(ERROR_SD))
     shape = tuple(map(jnp.asarray, (OMEGA_N, ZETA, THETA1)))
@@ -206,9 +165,3 @@ def test_samples_have_the_dense_mean_and_covariance() -> None:
         error = np.sqrt((np.outer(sd, sd) ** 2 + covariance**2) / number)
         assert (np.abs(np.cov(w.T) - covariance) < 5 * error).all()
         assert not x[:, i, LENGTHS[i] :].any()
-
-
-@pytest.mark.parametrize("lengths", [[2, 5], [5, 9]])
-def test_lengths_must_fit(lengths: list[int]) -> None:
-    with pytest.raises(ValueError, match="3 to 8 samples"):
-        displacement_record(np.zeros((2, 8)), np.array(lengths), np.zeros(2), np.ones(2), np.zeros((2, 3)))

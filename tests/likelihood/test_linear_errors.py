@@ -54,13 +54,6 @@ def test_errors_are_drawn_from_their_dense_conditional() -> None:
         assert (np.abs(scatter - left) <= 4.5 * np.sqrt(2 / number) * np.outer(sd, sd) + 1e-15).all()
 
 
-def test_products_are_symmetric_and_weighted() -> None:
-    made = np.asarray(products().gram) * np.exp(2 * LOG_SIGMA)
-    parts = np.concatenate([RESIDUAL[None], COLUMNS])
-    direct = np.einsum("ain,in,bin->abi", parts, WEIGHT, parts)
-    assert_allclose(made, direct, rtol=1e-12, atol=1e-12)
-
-
 def test_a_uniform_error_is_integrated_over_and_drawn_within_its_bounds() -> None:
     sd = np.array([[0.7, 1.2, 0.3], [0.4, 0.5, 2.0], [0.0, 0.0, 1e-3]])
     half = np.sqrt(3) * sd[:, -1]
@@ -85,12 +78,3 @@ def test_a_uniform_error_is_integrated_over_and_drawn_within_its_bounds() -> Non
         # Standard errors of a mean and, at most, of a standard deviation.
         assert abs(drawn[:, i].mean() - mean) < 4.5 * sd_left / np.sqrt(number)
         assert abs(drawn[:, i].std() - sd_left) < 4.5 * sd_left / np.sqrt(number)
-
-
-def test_prior_errors_have_their_standard_deviations() -> None:
-    sd, number = jnp.array([[0.7, 0.3], [0.2, 0.5]]), 20_000
-    found = np.asarray(Errors(sd, jnp.array([True, False])).drawn(jax.random.key(2), (number,)))
-    # The standard error of a standard deviation, greatest for the normal.
-    assert (np.abs(found.std(0) / sd - 1) < 4.5 / np.sqrt(2 * number)).all()
-    assert np.abs(found[:, 0, 1]).max() <= np.sqrt(3) * 0.3
-    assert np.abs(found[:, 1, 1]).max() > np.sqrt(3) * 0.5

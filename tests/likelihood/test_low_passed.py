@@ -11,7 +11,7 @@ from scipy.signal import bessel, butter, freqs
 
 from bayestissue.mechanics.elements import element
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.model.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed
+from bayestissue.model.likelihood.element.recorder import Flow, LowPass
 from bayestissue.model.likelihood.element.response import motion, response
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import delay, modes
@@ -133,14 +133,3 @@ def test_a_force_that_has_fallen_to_0_stays_there():
     flow = Flow(jnp.array([[0.0, 1.0, -0.1, 2.0]]), jnp.ones((1, 4)), jnp.array([DT])).while_pushing()
     np.testing.assert_array_equal(flow.d, [[0.0, 1.0, 0.0, 0.0]])
     np.testing.assert_array_equal(flow.jerk, [[1.0, 1.0, 0.0, 0.0]])
-
-
-@pytest.mark.slow
-def test_a_constant_comes_through_a_filter_as_it_is():
-    """From long before: the integrals' weights sum to one over the pole, whatever the interval."""
-    given = low_pass(LowPassFilter(low_pass_hz=3000.0, order=4))
-    still = Flow(jnp.ones((1, 400)), jnp.zeros((1, 400)), jnp.array([DT]))
-    early = Flow(jnp.ones((1, PIECES + 1)), jnp.zeros((1, PIECES + 1)), jnp.array([DT]))
-    found, slope = low_passed(given, early, still)
-    np.testing.assert_allclose(found[0, -1], 1.0, rtol=1e-10)
-    np.testing.assert_allclose(slope[0, -1], 0.0, atol=1e-6)

@@ -19,8 +19,3 @@ def test_one_of_two_errors_given_their_sum_is_that_of_the_joint_normal() -> None
     # Of 40,000 draws a standard deviation has a standard error of 0.35 %, a covariance one of 0.5 %.
     assert abs(drawn.std() / own - 1) < 4 * 0.0035
     assert abs(np.cov(drawn, together)[0, 1] / own**2 - 1) < 4 * sd / own / np.sqrt(DRAWS)
-
-
-def test_an_error_that_acts_alone_is_known_from_the_sum() -> None:
-    error = np.array([0.01, -0.02])
-    assert (np.asarray(part_of(error, error**2, np.ones(2), jax.random.PRNGKey(0))) == error).all()

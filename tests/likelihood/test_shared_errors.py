@@ -43,7 +43,7 @@ def test_many_impacts_tell_the_mass_that_moves_along_as_the_integral_over_one_er
     record = recorded()
     wide = record.error_sd.at[:, VELOCITY].set(np.sqrt(NUMBER) * RELATIVE_SD * V)
     together = record._replace(error_sd=wide, shared_by=jnp.full(NUMBER, float(NUMBER)))
-    moves = jnp.geomspace(0.02, 0.4, 9)
+    moves = jnp.geomspace(0.02, 0.4, 5)
     shared = np.array([log_density(together, m, jnp.ones(())) for m in moves])
     exact = []
     for m in moves:
@@ -52,4 +52,4 @@ def test_many_impacts_tell_the_mass_that_moves_along_as_the_integral_over_one_er
         given = jax.lax.map(partial(log_density, record, m), faster)
         exact += [logsumexp(given - ((faster - 1) / RELATIVE_SD) ** 2 / 2, b=faster)]
     # What noise adds to the height of each is a thousandth of it.
-    np.testing.assert_allclose(shared - shared[4], np.array(exact) - exact[4], atol=0.02)
+    np.testing.assert_allclose(shared - shared[2], np.array(exact) - exact[2], atol=0.02)
