@@ -38,15 +38,6 @@ def test_a_block_keeps_what_it_compiles_and_leaves_the_settings_of_jax(
         jax.config.update("jax_compilation_cache_dir", before)
 
 
-def test_a_block_leaves_a_folder_that_jax_has_been_given(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "other"))
-    with runtime.compiled_kept():
-        jax.jit(lambda x: 7 * x + 2)(1.0)
-    assert not (tmp_path / "other").exists()
-
-
 def test_what_was_used_least_lately_is_removed_from_a_folder_that_is_too_large(tmp_path: Path) -> None:
     for number in range(10):
         entry = tmp_path / f"jit_{number}-{HASH}-cache"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import re
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -64,15 +63,3 @@ def test_rooms_of_inference_import_those_below_them() -> None:
     edges = [(a, b) for a, below in graph("inference").items() for b in below if "." in a and "." in b]
     rooms = [(a.split(".")[1], b.split(".")[1]) for a, b in edges]
     assert {(a, b) for a, b in rooms if a != b and floor[a] <= floor[b]} == set()
-
-
-def test_no_two_modules_and_no_two_classes_have_one_name() -> None:
-    paths = [path for path in SOURCE.rglob("*.py") if path.name != "__init__.py"]
-    classes = [name for path in paths for name in re.findall(r"^class (\w+)", path.read_text(), re.MULTILINE)]
-    twice = [
-        name
-        for names in ([path.stem for path in paths], classes)
-        for name in set(names)
-        if names.count(name) > 1
-    ]
-    assert twice == []

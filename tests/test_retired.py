@@ -30,13 +30,6 @@ class Schema(TomlTable):
     channel: tuple[Inner, ...] = ()
 
 
-@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in retired() for name in retired()[kind]])
-def test_what_to_do_instead_is_a_sentence(kind: str, name: str) -> None:
-    assert kind in ("command", "option", "key", "value", "model", "table")
-    assert retired()[kind][name].endswith(".")
-    assert retired()[kind][name].count("`") % 2 == 0
-
-
 def test_an_unknown_key_that_was_known_says_what_to_do() -> None:
     with pytest.raises(InputError) as refused:
         checked({"motion": {"free": False}}, Schema, file="dataset.toml")
@@ -53,8 +46,8 @@ def test_so_does_a_value_within_a_list_of_tables() -> None:
     assert problem.remedy == retired()["value"]["channel.place = hammer"]
 
 
-@pytest.mark.parametrize("name", list(retired()["model"]))
-def test_so_does_a_model(name: str) -> None:
+def test_so_does_a_model() -> None:
+    name = next(iter(retired()["model"]))
     for asked in (
         lambda: model_file(name, lambda _: True),
         lambda: with_base({"like": name}, "mine.toml", f'like = "{name}"'),
@@ -86,5 +79,3 @@ def test_explain_shows_what_to_do_instead(capsys: pytest.CaptureFixture[str]) ->
         for kind in retired()
         for name, instead in retired()[kind].items()
     )
-    explain(["excel"], as_json=False)
-    assert retired()["option"]["--excel"] in " ".join(capsys.readouterr().out.split())
