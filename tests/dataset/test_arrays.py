@@ -28,7 +28,7 @@ def separate(impacts: pd.DataFrame, traces: pd.DataFrame) -> dict:
     return {name: (groups[name]["time_s"].to_numpy(), groups[name]["value"]) for name in impacts["impact"]}
 
 
-@pytest.mark.parametrize("form", ["long", "by name", "in order", "tables"])
+@pytest.mark.parametrize("form", ["long", "by name", "in order", "tables", "rows", "columns"])
 def test_it_is_the_dataset_of_the_folder(lab: Lab, form):
     impacts, traces = tables()
     own = separate(impacts, traces)
@@ -36,6 +36,8 @@ def test_it_is_the_dataset_of_the_folder(lab: Lab, form):
         "long": traces.sample(frac=1, random_state=1).sort_values("time_s"),
         "by name": own,
         "in order": list(own.values()),
+        "rows": {name: np.stack([t, v]) for name, (t, v) in own.items()},
+        "columns": {name: np.column_stack([t, v]) for name, (t, v) in own.items()},
         "tables": {name: pd.DataFrame({"time_s": t, "value": v}) for name, (t, v) in own.items()},
     }[form]
     made = bt.dataset(impacts, given, **GIVEN)
@@ -81,12 +83,6 @@ def test_a_height_of_fall_asks_how_the_impact_moves():
     assert not bt.dataset(impacts, traces, **GIVEN, gravity="none").warnings
 
 
-def test_a_folder_says_how_the_impact_moves(lab: Lab):
-    assert bt.read_dataset(lab.folder).gravity == 0.0
-    lab.replace("dataset.toml", 'unit = "m/s^2"', 'unit = "m/s^2"\ngravity = -1.5\nzero = "rest"')
-    assert bt.read_dataset(lab.folder).gravity == -1.5
-
-
 def test_a_write_that_fails_leaves_nothing(tmp_path, monkeypatch):
     made = bt.dataset(*tables(), **GIVEN)
     monkeypatch.setattr("bayestissue.recordings.dataset.write._write_table", lambda *_: 1 / 0)
@@ -118,7 +114,6 @@ def test_arguments_that_are_wrong_are_named(change, words):
     [
         (([0.0, 1.0], [1.0]), "2 times and 1 values"),
         (np.zeros((3, 5)), r"shape \(3, 5\).*a pair of arrays"),
-        (np.zeros((2, 2)), r"shape \(2, 2\).*a pair of arrays"),
         ((np.arange(50) * 1e-4, np.zeros((50, 2))), "shape \\(50, 2\\)"),
         ((pd.date_range("2026-01-01", periods=50), np.zeros(50)), "datetime64"),
         ((np.arange(50) * 1e-4, ["1"] * 49 + ["x"]), 'sample.*row 49, column value.*found "x"'),
@@ -130,41 +125,6 @@ def test_recordings_that_are_none_are_named(trace, words):
     own[impacts["impact"][0]] = trace
     with pytest.raises(bt.InputError, match=words):
         bt.dataset(impacts, own, **GIVEN)
-
-
-def test_an_array_of_two_rows_or_columns_is_a_pair():
-    """As `numpy.loadtxt` returns it."""
-    impacts, traces = tables()
-    pairs = separate(impacts, traces)
-    plain = bt.dataset(impacts, pairs, **GIVEN)
-    for stacked in (np.stack, np.column_stack):
-        other = {name: stacked([np.asarray(part) for part in pair]) for name, pair in pairs.items()}
-        assert bt.dataset(impacts, other, **GIVEN).input_hash == plain.input_hash
-
-
-def test_what_a_masked_array_hides_is_not_used():
-    impacts, traces = tables()
-    pairs = separate(impacts, traces)
-    name = impacts["impact"][0]
-    time, value = (np.asarray(part) for part in pairs[name])
-    lied = np.concatenate([[-50.0], value, [1e6, 70.0]])
-    times = time[0] + np.arange(-1, len(time) + 2) * (time[1] - time[0])
-    ends = np.isin(np.arange(len(lied)), [0, len(lied) - 2, len(lied) - 1])
-    hidden = bt.dataset(impacts, pairs | {name: (times, np.ma.array(lied, mask=ends))}, **GIVEN)
-    np.testing.assert_array_equal(hidden.traces[0].value, value)
-    ends[20] = True
-    with pytest.raises(bt.InputError, match=f"row 20, column value, impact {name}"):
-        bt.dataset(impacts, pairs | {name: (times, np.ma.array(lied, mask=ends))}, **GIVEN)
-    with pytest.raises(bt.InputError, match=f"impact {name}"):
-        bt.dataset(impacts, pairs | {name: (times, np.ma.masked_all(len(lied)))}, **GIVEN)
-
-
-def test_bad_impacts_can_be_left_out():
-    impacts, traces = tables()
-    impacts.loc[1, "mass_kg"] = -1.0
-    made = bt.dataset(impacts, traces, **GIVEN, skip_bad=True)
-    assert len(made.impacts) == len(impacts) - 1
-    assert made.left_out[0].row == 1
 
 
 def test_names_may_be_numbers_and_values_of_other_units():

@@ -11,7 +11,6 @@ from bayestissue.model.hierarchy.formulas.formula import resolve
 from bayestissue.recordings.dataset.cells import standard_names
 from bayestissue.recordings.dataset.impact_table import COLUMNS, impact_table
 from cases import cases
-from command_line import bayestissue
 from dataset_bench import SETTINGS, Lab, tables
 
 
@@ -27,18 +26,9 @@ def test_two_ways_to_write_a_name_are_a_warning_in_every_column(column, values, 
     assert (found.row, found.column, found.code) == (row, column, "two-spellings")
 
 
-def test_names_that_differ_and_recordings_are_no_two_ways():
-    assert not table(side=["left", "right"] * 2, trace=["A.csv", "a.csv", "b.csv", "c.csv"]).warnings
-
-
-@pytest.mark.parametrize("formula", ["side", "(1|side)", "C(side) + log(mass_kg)", "mass_kg:side"])
-def test_an_empty_cell_is_no_category_where_a_formula_uses_it(formula):
-    read = table(side=["left", "", "right", "right"])
-    (warned,) = read.warnings
-    assert (warned.row, warned.column) == (3, "side")
-    reasons = " ".join(fault.reason for fault in resolve(formula, read.table, 1.0).faults)
-    assert "side is missing in 1 of 4 impacts, such as impact b" in reasons
-    assert not any("side" in fault.reason for fault in resolve("log(mass_kg)", read.table, 1.0).faults)
+@pytest.mark.parametrize("names", cases(__file__, "different"))
+def test_names_that_differ_and_recordings_are_no_two_ways(names):
+    assert not table(subject=names, trial=names, trace=["A.csv", "a.csv", "b.csv", "c.csv"]).warnings
 
 
 @pytest.fixture
@@ -66,17 +56,6 @@ def test_a_fit_names_the_row_of_every_empty_cell_that_a_formula_uses(holed, form
     assert "is missing in" in str(refused.value)
 
 
-def test_the_command_names_them_too_and_a_workbook_by_its_name(holed, tmp_path):
-    table = pd.read_csv(holed.path("impacts.csv"))
-    ran = bayestissue("fit", holed.folder, "--out", tmp_path / "run", "--K", "sex")
-    assert ran.status == 2
-    assert "impacts.csv, row 3, column sex, impact" in ran.err
-    table.to_excel(holed.path("impacts.xlsx"), index=False)
-    holed.path("impacts.csv").unlink()
-    ran = bayestissue("fit", holed.folder, "--out", tmp_path / "run", "--K", "sex")
-    assert "impacts.xlsx, row 3, column sex, impact" in ran.err
-
-
 def test_of_tables_in_python_the_rows_are_counted_as_there(lab):
     impacts, traces = tables()
     impacts.loc[2, "sex"] = None
@@ -97,19 +76,11 @@ def test_whoever_stands_in_two_groups_is_asked_about(
     assert all("one person or two?" in str(problem) for problem in found.warnings)
 
 
-@pytest.mark.parametrize("name", ["Subject", "Patient", "PARTICIPANT"])
-def test_a_column_of_people_is_the_subject_whatever_its_case(lab: Lab, name: str) -> None:
-    path = lab.path("impacts.csv")
-    expected = bt.read_dataset(path.parent).impacts["subject"].tolist()
-    path.write_text(path.read_text().replace("subject", name, 1))
-    assert bt.read_dataset(path.parent).impacts["subject"].tolist() == expected
-
-
 def test_a_standard_column_is_one_whatever_its_case(lab: Lab) -> None:
     path = lab.path("impacts.csv")
     expected = bt.read_dataset(path.parent).impacts
     head, body = path.read_text().split("\n", 1)
-    path.write_text(f"{head.upper()}\n{body}")
+    path.write_text(f"{head.upper().replace('SUBJECT', 'PATIENT')}\n{body}")
     found = bt.read_dataset(path.parent).impacts
     standard = [name for name in expected if name in COLUMNS]
     pd.testing.assert_frame_equal(found[standard], expected[standard])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from bayestissue.base.errors import InputError
-from bayestissue.recordings.dataset.cells import read_cells
 from bayestissue.recordings.dataset.dataset_file import SignalSettings
 from bayestissue.recordings.dataset.dialect import Stated
 from bayestissue.recordings.dataset.recorders import contents_of, read_recording
@@ -150,12 +149,6 @@ def test_cells_may_be_missing_behind_the_columns_in_use(tmp_path: Path) -> None:
         path.write_text("\n".join(["time_s,value,comment", *rows[:30], cut, *rows[31:]]) + "\n")
         with pytest.raises(InputError, match=r"a\.csv, row 32"):
             read_recording(Source.at(path), signal())
-
-
-def test_a_table_of_facts_has_no_name_twice(tmp_path: Path) -> None:
-    (tmp_path / "impacts.csv").write_text("impact,mass_kg,mass_kg\na,1,2\n")
-    with pytest.raises(InputError, match="every column name once"):
-        read_cells(Source.at(tmp_path / "impacts.csv"), ["impact"])
 
 
 def labview(path: Path, **options: object) -> bytes:

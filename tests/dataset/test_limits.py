@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import bayestissue as bt
 from bayestissue.base.errors import InputError
-from bayestissue.recordings.dataset import write_dataset
+from dataset_bench import Lab
 
 TIME = np.arange(0, 0.06, 5e-4)
 COUNT = 5
@@ -24,13 +22,9 @@ def force(row: int) -> np.ndarray:
     return (80 + 2 * row) * pulse + 0.3 * np.random.default_rng(row).standard_normal(len(TIME))
 
 
-def impacts_of(count: int) -> pd.DataFrame:
-    names = [f"i{row}" for row in range(count)]
-    return pd.DataFrame({"impact": names, "subject": "s", "mass_kg": 0.5, "velocity_m_s": 1.5})
-
-
 def read(values: list[np.ndarray], **chosen) -> bt.Dataset:
-    impacts = impacts_of(len(values)).assign(trial="t")
+    names = [f"i{row}" for row in range(len(values))]
+    impacts = pd.DataFrame({"impact": names, "subject": "s", "mass_kg": 0.5, "velocity_m_s": 1.5})
     return bt.dataset(impacts, [(TIME, value) for value in values], **SIGNAL | chosen)
 
 
@@ -67,45 +61,24 @@ def test_it_is_written_and_read_again(tmp_path) -> None:
 
 
 def test_models_that_have_no_place_for_it_say_so() -> None:
-    from bayestissue.base.resources import shared
-    from bayestissue.model.hierarchy.combinations import unsuited
-    from bayestissue.model.hierarchy.specification import read_specification
-    from bayestissue.model.hierarchy.trace_data import facts_of
-
-    specification = read_specification(shared("models", "arma.toml"))
     clipped = read([np.minimum(force(row), 70.0) for row in range(2)])
-    (problem,) = unsuited(facts_of(clipped, **specification.facts), "likelihood", "model.toml")
-    assert problem.code == "clipped"
-    assert "2 of these" in str(problem)
+    with pytest.raises(InputError, match="2 of these"):
+        bt.fit(clipped, "arma")
     with pytest.raises(InputError, match="i0 the first"):
         bt.estimate(clipped, method="dds")
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("table", ["files", "long"])
-def test_what_a_recorder_writes_as_infinite_is_at_its_limit(table: str, sign: int, tmp_path: Path) -> None:
-    cut = [np.minimum(force(row), 60.0 + row) for row in range(3)]
-    infinite = "∞" if sign > 0 else "-∞"
-
-    def lines(row: int, before: str = "") -> list[str]:
-        values = [infinite if value == 60.0 + row else f"{sign * value:.6f}" for value in cut[row]]
-        return [f"{before}{1e3 * t:.6f},{value}" for t, value in zip(TIME, values, strict=True)]
-
-    quantity = "deceleration" if sign > 0 else "acceleration"
-    signal = {"quantity": quantity, "unit": "m/s^2", "time_unit": "ms"}
-    signal |= {"time_column": "Time", "value_column": "Channel A"}
-    settings, impacts = {"name": "scope", "signal": signal}, impacts_of(3)
-    head = "Time,Channel A\n(ms),(V)\n\n"
-    if table == "files":
-        impacts["trace"] = [f"i{row}.csv" for row in range(3)]
-    write_dataset(tmp_path, settings=settings, impacts=impacts)
-    for row in range(3):
-        (tmp_path / f"i{row}.csv").write_text(head + "\n".join(lines(row)) + "\n", encoding="utf-8")
-    if table == "long":
-        every = [line for row in range(3) for line in lines(row, f"i{row},")]
-        (tmp_path / "traces.csv").write_text("\n".join(["impact,Time,Channel A", *every]), encoding="utf-8")
-    data = bt.read_dataset(tmp_path)
-    for row, trace in enumerate(data.traces):
-        at = cut[row] == 60.0 + row
-        np.testing.assert_array_equal(trace.clipped, sign * at)
-        assert (trace.value[at] == sign * np.max(sign * trace.value[~at])).all()
+@pytest.mark.parametrize("form", ["files", "long"])
+def test_what_a_recorder_writes_as_infinite_is_at_its_limit(form: str, sign: int, lab: Lab) -> None:
+    lab.value("abcd", f"{sign} * np.minimum(v, 20.0)")
+    limit, infinite = f",{sign * 20.0}\n", f",{'∞' if sign > 0 else '-∞'}\n"
+    at = np.split(pd.read_csv(lab.path("traces.csv"))["value"].to_numpy() == sign * 20.0, 4)
+    lab.replace("traces.csv", limit, infinite, -1)
+    if sign < 0:
+        lab.replace("dataset.toml", "deceleration", "acceleration")
+    if form == "files":
+        lab.trace("a.csv")
+    for trace, cut in zip(bt.read_dataset(lab.folder).traces, at, strict=True):
+        np.testing.assert_array_equal(trace.clipped, sign * cut)
+        assert (trace.value[cut] == sign * np.max(sign * trace.value[~cut])).all()

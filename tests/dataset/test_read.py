@@ -159,16 +159,3 @@ def test_errors_as_json(lab: Lab) -> None:
     outcome = bayestissue("check", lab.folder, "--json")
     (problem,) = json.loads(outcome.err)["problems"]
     assert (outcome.status, problem["row"], problem["column"]) == (2, 2, "mass_kg")
-
-
-@pytest.mark.slow
-def test_with_too_many_impacts_the_page_shows_the_most_suspicious(
-    lab: Lab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("bayestissue.reports.pages.recordings_pages.MOST_CHECK_PANELS", 2)
-    lab.value("c", "v + np.random.default_rng(0).normal(0, 1, 400)")
-    assert bayestissue("check", lab.folder, "--out", tmp_path / "quality").status == 0
-    page = (tmp_path / "quality" / "check.html").read_text()
-    assert "The 2 most suspicious of 4 impacts" in page
-    assert ">c</td>" in page
-    assert len(pd.read_csv(tmp_path / "quality" / "quality.csv")) == 4

@@ -7,7 +7,6 @@ import tempfile
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
-import pytest
 from annotated_types import Ge, Gt, Le, MaxLen
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
@@ -96,9 +95,7 @@ def is_read_back(content: dict[str, Any]) -> None:
 
 
 FEW = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-MANY = settings(max_examples=4000, deadline=None, suppress_health_check=list(HealthCheck))
 test_what_is_stated_is_read_back = FEW(given(drawn_settings())(is_read_back))
-test_what_is_stated_is_read_back_of_many = pytest.mark.long(MANY(given(drawn_settings())(is_read_back)))
 
 
 def dataset_is_read_back(content: dict[str, Any]) -> None:
@@ -124,13 +121,3 @@ def dataset_is_read_back(content: dict[str, Any]) -> None:
 
 
 test_a_dataset_is_read_back = settings(FEW, max_examples=10)(given(drawn_settings())(dataset_is_read_back))
-test_a_dataset_is_read_back_of_many = pytest.mark.long(
-    settings(MANY, max_examples=1000)(given(drawn_settings())(dataset_is_read_back))
-)
-
-
-def test_a_dataset_without_a_further_channel_says_nothing_of_any():
-    stated = parse_settings(
-        {"name": "one", "signal": {"quantity": "deceleration", "unit": "g"}, "channel": []}
-    )
-    assert "channel" not in settings_text(stated.stated())

@@ -10,7 +10,7 @@ import pytest
 
 import bayestissue as bt
 from command_line import Outcome, init
-from country import GERMAN, PLAIN, Country, facts, recordings
+from country import GERMAN, PLAIN, facts, recordings
 from dataset_bench import deceleration
 
 FACTS = {"subject": "s", "trial": "x", "mass_kg": 0.5, "velocity_m_s": 1.2}
@@ -38,17 +38,6 @@ def test_files_of_a_german_excel_are_read_as_plain_ones(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.value, other.value)
 
 
-def test_what_is_wrong_with_all_files_is_one_problem(tmp_path: Path) -> None:
-    """Decimal commas between which commas separate: no program can tell, and one sentence says so."""
-    recordings(tmp_path / "de", Country(delimiter=",", decimal=","), people=2)
-    _, refused = made_of(tmp_path / "de", set={"trial": "drop"})
-    assert refused.status == 2
-    lines = refused.err.splitlines()
-    assert lines[0] == "1 problem; nothing was written."
-    assert lines[1].startswith("  all 8 files, such as Müller1_links_1.csv, row 2: found")
-    assert "399 more rows are like this" in lines[1]
-
-
 def test_a_way_of_writing_can_be_given(tmp_path: Path) -> None:
     """Numbers of three decimals, as whole ones with a mark between thousands are written too."""
     folder = tmp_path / "de"
@@ -66,16 +55,6 @@ def test_a_way_of_writing_can_be_given(tmp_path: Path) -> None:
     _, refused = made_of(folder, text={"decimal": "semicolon"})
     assert refused.status == 2
     assert '--text, column decimal: found "semicolon"' in refused.err
-
-
-def test_a_file_without_names_is_asked_for_by_number(tmp_path: Path) -> None:
-    folder = tmp_path / "plain"
-    folder.mkdir()
-    time, value = deceleration(0.5, 1.2)
-    np.savetxt(folder / "a.csv", np.column_stack([time, value, 2 * value]), delimiter=",")
-    _, refused = made_of(folder)
-    assert 'found "none"; expected the channel with the impact: column 2 or column 3' in refused.err
-    assert 'Add, say, --channel "column 2"' in refused.err
 
 
 def test_a_folder_without_values_says_so(tmp_path: Path) -> None:

@@ -67,12 +67,6 @@ def test_tissues_are_left_alone(tissue: dict, noise: float):
     assert not np.isfinite(suspected(displacements(data)).corner_hz).any()
 
 
-def test_a_trace_without_a_quiet_part_is_not_asked(behind_500_hz: Dataset):
-    signal = displacements(behind_500_hz.with_settings(recorder=None))
-    alone = replace(signal, before=signal.before._replace(n_samples=np.zeros_like(signal.n_samples)))
-    assert np.isnan(suspected(alone).corner_hz).all()
-
-
 def test_what_a_filter_run_backwards_makes_before_contact_is_not_quiet() -> None:
     """Its ringing would pass for an offset of 0.6 m/s^2 here, and make K 0.4 % too large."""
     data = recorded({"sae_class": 180}, noise=1e-5)
