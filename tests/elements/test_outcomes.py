@@ -9,46 +9,11 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from bayestissue.mechanics.elements import element, impact, outcomes
+from bayestissue.mechanics.elements import element, outcomes
 from bayestissue.mechanics.elements.element import Collision
 from bayestissue.mechanics.elements.head_injury import LONGEST
 from bayestissue.mechanics.elements.outcomes import OUTCOMES, _of_path, outcomes_of
 from bayestissue.mechanics.elements.whole_impact import LONG, NODES, Path
-from bayestissue.mechanics.oscillator.contact_path import impact_motion, peak_displacement, time_to_peak
-
-M, V = jnp.array([0.4, 0.8, 1.3, 0.5]), jnp.array([1.0, 1.5, 2.0, 0.7])
-K, C = jnp.array([2500.0, 4000.0, 1500.0, 800.0]), jnp.array([5.0, 30.0, 100.0, 60.0])
-
-
-@pytest.mark.slow
-def test_peaks_of_spring_and_damper_are_those_of_the_formulas() -> None:
-    p = {"K": K, "C": C, "diameter_m": jnp.full(4, 0.03)}
-    found = outcomes_of(element("kelvin_voigt"), p, M, V)
-    omega_n, zeta = jnp.sqrt(K / M), C / (2 * jnp.sqrt(K * M))
-    assert_allclose(found.time_to_peak, time_to_peak(omega_n, zeta), rtol=1e-9)
-    assert_allclose(found.peak_depth, peak_displacement(omega_n, zeta, V), rtol=1e-9)
-    time = np.linspace(0, 1, 200_001) * np.asarray(found.time_to_peak)[:, None]
-    force = M[:, None] * impact_motion(time, omega_n[:, None], zeta[:, None], V[:, None]).deceleration
-    assert_allclose(found.peak_force, force.max(axis=1), rtol=1e-9)
-    # Of a strong damper the force is greatest at contact.
-    assert_allclose(found.peak_force[2], C[2] * V[2], rtol=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["hunt_crossley", pytest.param("maxwell", marks=pytest.mark.long)])
-def test_peaks_are_those_of_the_simulated_path(name: str) -> None:
-    which = element(name)
-    extra = {each.name: jnp.full(2, each.typical) for each in which.extra}
-    own = (
-        {"K": jnp.array([3e5, 2e5]), "C": jnp.array([3e5, 1e5])}
-        if name == "hunt_crossley"
-        else {"K": K[:2], "C": C[:2] * 5}
-    )
-    found = outcomes_of(which, {**own, **extra, "diameter_m": jnp.full(2, 0.0318)}, M[:2], V[:2])
-    time = np.linspace(0, 2, 4001) * np.asarray(found.time_to_peak)[:, None]
-    path = impact(which, {**own, **extra}, M[:2], V[:2], time)
-    assert_allclose(found.peak_depth, path.x.max(axis=1), rtol=1e-5)
-    assert_allclose(found.peak_force, (M[:2, None] * path.deceleration).max(axis=1), rtol=1e-5)
 
 
 def test_closed_forms_of_spring_and_damper_are_the_solved_path() -> None:
@@ -103,10 +68,10 @@ def test_head_injury_criterion_of_a_half_sine() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gravity", [0.0, 9.80665])
 @pytest.mark.parametrize("name", NAMES)
-def test_head_injury_criterion_is_that_of_all_windows(name: str, gravity: float) -> None:
-    ours = outcomes(name, VALUES[name], MASS, VELOCITY, gravity=gravity or None, headform=True)
+def test_head_injury_criterion_is_that_of_all_windows(name: str) -> None:
+    gravity = 9.80665
+    ours = outcomes(name, VALUES[name], MASS, VELOCITY, gravity=gravity, headform=True)
     for row in range(len(MASS)):
         leaves = float(ours.contact_duration[row])
         # Of one that is never left until it has come to rest; both bounds are whole numbers of steps.
@@ -160,6 +125,7 @@ def test_outcomes_are_those_of_an_independent_integration(name: str, gravity: fl
             "energy_share_with_gravity": work / (came + fell),
         }
         assert set(true) == set(OUTCOMES)
+        true["energy_lost"] = 1 - (last / V) ** 2
         for outcome, value in true.items():
             # Of the velocity at contact, beside which that of leaving may be small.
             tolerance = 1e-6 * max(1.0, V / -last)
