@@ -28,6 +28,11 @@ def separate(impacts: pd.DataFrame, traces: pd.DataFrame) -> dict:
     return {name: (groups[name]["time_s"].to_numpy(), groups[name]["value"]) for name in impacts["impact"]}
 
 
+def with_first(trace: object) -> dict:
+    """The recordings one by one, of which the first is another."""
+    return {"traces": separate(*tables()) | {tables()[0]["impact"][0]: trace}}
+
+
 @pytest.mark.parametrize("form", ["long", "by name", "in order", "tables", "rows", "columns"])
 def test_it_is_the_dataset_of_the_folder(lab: Lab, form):
     impacts, traces = tables()
@@ -99,6 +104,11 @@ def test_a_write_that_fails_leaves_nothing(tmp_path, monkeypatch):
         ({"recorder": {1: 2}}, "column recorder.1"),
         ({"traces": tables()[1].drop(columns="value")}, 'a column "value"'),
         ({"impacts": tables()[0].drop(columns="mass_kg")}, 'a column "mass_kg"'),
+        (with_first(([0.0, 1.0], [1.0])), "2 times and 1 values"),
+        (with_first(np.zeros((3, 5))), "shape (3, 5)"),
+        (with_first((np.arange(50) * 1e-4, np.zeros((50, 2)))), "shape (50, 2)"),
+        (with_first((pd.date_range("2026-01-01", periods=50), np.zeros(50))), "datetime64"),
+        (with_first((np.arange(50) * 1e-4, ["1"] * 49 + ["x"])), 'row 49, column value, impact a: found "x"'),
     ],
 )
 def test_arguments_that_are_wrong_are_named(change, words):
@@ -107,24 +117,6 @@ def test_arguments_that_are_wrong_are_named(change, words):
     with pytest.raises(bt.InputError) as error:
         bt.dataset(given.pop("impacts"), given.pop("traces"), **given)
     assert words in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("trace", "words"),
-    [
-        (([0.0, 1.0], [1.0]), "2 times and 1 values"),
-        (np.zeros((3, 5)), r"shape \(3, 5\).*a pair of arrays"),
-        ((np.arange(50) * 1e-4, np.zeros((50, 2))), "shape \\(50, 2\\)"),
-        ((pd.date_range("2026-01-01", periods=50), np.zeros(50)), "datetime64"),
-        ((np.arange(50) * 1e-4, ["1"] * 49 + ["x"]), 'sample.*row 49, column value.*found "x"'),
-    ],
-)
-def test_recordings_that_are_none_are_named(trace, words):
-    impacts, traces = tables()
-    own = separate(impacts, traces)
-    own[impacts["impact"][0]] = trace
-    with pytest.raises(bt.InputError, match=words):
-        bt.dataset(impacts, own, **GIVEN)
 
 
 def test_names_may_be_numbers_and_values_of_other_units():

@@ -22,7 +22,6 @@ from dataset_bench import SETTINGS, Lab
 NAMES_AS: dict[str, Callable[[str], object]] = {
     "binary": lambda name: name.encode() + b"\xff",
     "list": lambda name: [name],
-    "struct": lambda name: {"name": name},
     "double": lambda _: 1.5,
 }
 # What the same tables in Python may be wrong in, by what spoils them.

@@ -77,7 +77,8 @@ def dataset_of(folder: Path, file: str, time: str | None, **channel: Any) -> Pat
         "signal": signal | ({"time_column": time} if time else {}),
         "channel": [cell | channel],
     }
-    impact = {"impact": "a", "subject": "s", "mass_kg": MASS, "velocity_m_s": 0.6, "trace": file}
+    impact = {"impact": "a", "subject": "s", "mass_kg": MASS, "velocity_m_s": 0.6}
+    impact |= {"trace": file} if file != "traces.csv" else {}
     write_dataset(folder, settings=settings, impacts=pd.DataFrame([impact]))
     return folder
 
@@ -123,15 +124,9 @@ def test_where_places_do_not_tell_the_times_are_asked_for(
     values = {"Time": first, "Acc": pulse(first), "Force": MASS * pulse(own)}
 
     def read(**channel: Any) -> bt.Dataset:
-        folder = dataset_of(tmp_path, "a.csv", "Time", **channel)
-        table = pd.DataFrame({"impact": "a"} | {name: values.get(name, own) for name in names})
-        if file == "a.csv":
-            table = table.drop(columns="impact")
-        else:
-            impacts = pd.read_csv(folder / "impacts.csv").drop(columns="trace")
-            impacts.to_csv(folder / "impacts.csv", index=False)
-        table.to_csv(folder / file, index=False)
-        return read_dataset(folder)
+        table = {"impact": "a"} | {name: values.get(name, own) for name in names}
+        pd.DataFrame(table).to_csv(tmp_path / file, index=False)
+        return read_dataset(dataset_of(tmp_path, file, "Time", **channel))
 
     if right:
         require_truth(read(), first, own)

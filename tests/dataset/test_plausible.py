@@ -60,40 +60,30 @@ def blows() -> list[Blow]:
     return [blow(rng) for _ in range(COUNT)]
 
 
-def refused(
-    blows: list[Blow],
-    value: Callable[[Blow], np.ndarray],
-    keep: Callable[[Blow], np.ndarray] | None = None,
-    quantity: Quantity = "deceleration",
-) -> int:
-    """How many of the recordings, spoilt by ``value`` and cut down to ``keep``, are refused."""
-    impacts = pd.DataFrame(
-        {"impact": [f"i{index}" for index in range(COUNT)], "velocity_m_s": [b.velocity for b in blows]}
-    )
-    samples = samples_of(blows, value, keep or whole)
-    findings = check_recordings(Recordings(samples, impacts, quantity, Uncertainty()))
-    return len({problem.impact for problem in findings.problems})
+Change = Callable[[Blow], np.ndarray]
 
 
 def whole(b: Blow) -> np.ndarray:
     return np.ones(b.time.size, dtype=bool)
 
 
-def samples_of(
-    blows: list[Blow], value: Callable[[Blow], np.ndarray], keep: Callable[[Blow], np.ndarray] = whole
-) -> Samples:
+def samples_of(blows: list[Blow], value: Change, keep: Change = whole) -> Samples:
     kept = [keep(b) for b in blows]
     time = [b.time[k] for b, k in zip(blows, kept, strict=True)]
-    values = [value(b)[k] for b, k in zip(blows, kept, strict=True)]
-    start = np.concatenate([[0], np.cumsum([len(part) for part in time])])
-    return Samples(
-        np.concatenate(time),
-        np.concatenate(values),
-        start,
-        np.arange(COUNT),
-        ["traces.csv"] * COUNT,
-        np.arange(start[-1]) + 2,
-    )
+    values = np.concatenate([value(b)[k] for b, k in zip(blows, kept, strict=True)])
+    start = np.cumsum([0, *map(len, time)])
+    files, rows = ["traces.csv"] * COUNT, np.arange(start[-1]) + 2
+    return Samples(np.concatenate(time), values, start, np.arange(COUNT), files, rows)
+
+
+def refused(
+    blows: list[Blow], value: Change, keep: Change = whole, quantity: Quantity = "deceleration"
+) -> int:
+    """How many of the recordings, spoilt by ``value`` and cut down to ``keep``, are refused."""
+    names = [f"i{index}" for index in range(COUNT)]
+    impacts = pd.DataFrame({"impact": names, "velocity_m_s": [b.velocity for b in blows]})
+    recordings = Recordings(samples_of(blows, value, keep), impacts, quantity, Uncertainty())
+    return len({problem.impact for problem in check_recordings(recordings).problems})
 
 
 def test_sound_recordings_pass(blows: list[Blow]) -> None:

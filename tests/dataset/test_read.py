@@ -95,6 +95,21 @@ def test_units_scale_and_offset(lab: Lab) -> None:
     np.testing.assert_allclose(value, traces["value"][: value.size] + 0.5, rtol=0, atol=3e-14)
 
 
+def test_a_crop_is_in_the_unit_of_time_and_what_lies_outside_may_be_spoilt(lab: Lab) -> None:
+    _, traces = tables()
+    traces.assign(time_s=1e3 * traces["time_s"]).to_csv(lab.path("traces.csv"), index=False)
+    lab.cell("traces.csv", 3, "value", "saturated")
+    lab.replace("dataset.toml", "[signal]", '[signal]\ntime_unit = "ms"\ncrop = [1.0, 30.0]')
+    for impact, trace in zip(NAMES, read_dataset(lab.folder).traces, strict=True):
+        inside = traces[(traces["impact"] == impact) & traces["time_s"].between(0.001, 0.03)]
+        # Two conversions of a unit: two roundings.
+        np.testing.assert_allclose(trace.time_s, inside["time_s"], rtol=4e-16)
+        np.testing.assert_array_equal(trace.value, inside["value"])
+    lab.cell("traces.csv", 100, "value", "lost")
+    with pytest.raises(InputError, match=r"row 100, column value, impact a: found \"lost\""):
+        read_dataset(lab.folder)
+
+
 def test_spreadsheet_habits_are_forgiven(lab: Lab) -> None:
     text = lab.text("impacts.csv").replace("\n", "\r\n").replace("a,s1", " a , s1 ")
     lab.path("impacts.csv").write_bytes(b"\xef\xbb\xbf" + text.encode() + b",,,,,,\r\n\r\n")

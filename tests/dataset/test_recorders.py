@@ -312,14 +312,6 @@ def test_a_marker_at_the_origin_is_a_gap(tmp_path: Path) -> None:
     assert np.flatnonzero(np.isnan(np.asarray(own.values))).tolist() == [7]
 
 
-def test_sampling_rate_stands_in_for_times(lab: Lab) -> None:
-    files_instead(
-        lab, ".csv", lambda p, _, v: pd.DataFrame({"value": v}).to_csv(p, index=False), sampling_rate_hz=RATE
-    )
-    dataset = read_dataset(lab.folder)
-    np.testing.assert_array_equal(dataset.traces[0].time_s, np.arange(dataset.traces[0].value.size) / RATE)
-
-
 def test_a_waveform_without_an_offset_begins_at_zero(lab: Lab) -> None:
     files_instead(lab, ".tdms", _of_tdms("a/'b'", offset=False, wf_increment=1 / RATE))
     for trace in read_dataset(lab.folder).traces:
@@ -368,15 +360,6 @@ def test_unfit_recordings_are_refused(name: str, lab: Lab) -> None:
     files_instead(lab, suffix, write)
     with pytest.raises(InputError, match=says):
         read_dataset(lab.folder)
-
-
-def test_a_bad_cell_of_a_recording_is_named_by_its_row(lab: Lab) -> None:
-    files_instead(lab, ".lvm", _lvm)
-    lab.row("b.lvm", 100, lambda line: line.split("\t")[0] + "\tsaturated")
-    with pytest.raises(InputError) as refused:
-        read_dataset(lab.folder)
-    (problem,) = refused.value.problems
-    assert (problem.file, problem.row, problem.impact) == ("b.lvm", 100, "b")
 
 
 def test_a_shock_table_as_labview_writes_it(shock_table: Path) -> None:

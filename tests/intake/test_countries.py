@@ -40,8 +40,7 @@ def test_files_of_a_german_excel_are_read_as_plain_ones(tmp_path: Path) -> None:
 
 def test_a_way_of_writing_can_be_given(tmp_path: Path) -> None:
     """Numbers of three decimals, as whole ones with a mark between thousands are written too."""
-    folder = tmp_path / "de"
-    folder.mkdir()
+    (folder := tmp_path / "de").mkdir()
     time, value = deceleration(0.5, 1.2)
     text = "\n".join(f"{t:.4f};{v:.0f}".replace(".", ",") for t, v in zip(time, value, strict=True))
     (folder / "a.txt").write_text(f"{text}\n")
@@ -58,8 +57,7 @@ def test_a_way_of_writing_can_be_given(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_values_says_so(tmp_path: Path) -> None:
-    folder = tmp_path / "times"
-    folder.mkdir()
+    (folder := tmp_path / "times").mkdir()
     for name in "abc":
         rows = "".join(f"{n / 1000};kein Wert\n" for n in range(50))
         (folder / f"{name}.csv").write_text(f"Zeit;Wert\n{rows}")

@@ -77,8 +77,6 @@ def test_without_options_init_says_what_it_understood_and_what_it_needs(
     assert found.status == 2
     assert "Names read as {subject}_{side}_{mass_kg}kg, a guess; --pattern takes another:" in found.err
     assert "subject: 6, p1 (4), p2 (4)" in found.err
-    assert "mass_kg: 2, 0.5 (12), 1 (12)" in found.err
-    assert "recordings of each combination: 1" in found.err
     assert "with your own values: --quantity deceleration --set velocity_m_s=1.5\n" in found.err
     assert not any(tmp_path.iterdir())
 

@@ -44,14 +44,6 @@ def test_g_is_no_unit_of_volts_or_newtons(unit: str, tmp_path: Path) -> None:
     assert "--unit m/s^2" in said.partition("|")[2]
 
 
-def test_an_acceleration_is_no_displacement(tmp_path: Path) -> None:
-    recorded = folder(tmp_path, a__g=value() / 9.8)
-    said = asked(recorded, tmp_path)["--quantity"]
-    assert "displacement" not in said
-    with pytest.raises(InputError, match="Give --quantity deceleration or acceleration"):
-        bt.init_dataset(recorded, tmp_path / "b", quantity="displacement")
-
-
 def test_a_deceleration_in_millimetres_is_refused(tmp_path: Path) -> None:
     recorded = folder(tmp_path, z__mm=value())
     with pytest.raises(InputError, match=r"found .deceleration.*a channel in mm.*--quantity displacement"):

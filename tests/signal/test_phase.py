@@ -64,9 +64,6 @@ def test_contact_anywhere_is_told_to_be_anywhere():
 
 def test_one_recording_alone_tells_little():
     here = lab(0.0, noise=0.01, number=1)
-    elsewhere = displacements(here.moved(0.0137)).phase
-    assert elsewhere.kind == "undecided"
-    assert elsewhere.sd > 0.4
     made = displacements(here)
     assert made.phase.kind == "undecided"
     assert made.contact.bracket_uniform[0]
@@ -174,13 +171,6 @@ def hidden() -> Dataset:
     """Contact at a sample of each recording, and noise that hides the jump in some of them."""
     made = record([TISSUE] * 20, RATE / 4, before=0.1, phase=np.zeros(20), noise=0.04, seed=3)
     return made.moved(0.0137).dataset()
-
-
-def test_where_noise_hides_the_jump_the_place_of_contact_is_a_parameter_all_the_same() -> None:
-    prepared = prepare(hidden(), read_specification(shared("models", "impact.toml")), source="impact")
-    assert prepared.signal.before.blurred.any()
-    assert prepared.data.record.contact.reach > 0
-    assert prepared.model.contact
 
 
 @pytest.mark.slow

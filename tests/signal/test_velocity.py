@@ -8,10 +8,6 @@ import numpy as np
 import pytest
 from impacts_bench import Impact, Lab, record
 
-from bayestissue.inference.checking.findings import warnings
-from bayestissue.inference.checking.recording_warnings import contradicted_velocity
-from bayestissue.inference.points.point_estimates import Inspected
-from bayestissue.recordings.signal import displacements
 from bayestissue.recordings.signal.quality import inspect
 
 NUMBER = 12
@@ -81,18 +77,6 @@ def test_a_pad_of_another_law_is_not_one_that_was_hit_from_another_height():
     wrong = right.copy()
     wrong[1] = 1.981
     assert [bool(text) for text in said(on_pads(wrong))] == [row == 1 for row in range(NUMBER)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("ratio", [1.0, 0.9, 1.1])
-def test_a_fit_warns_of_another_velocity_where_its_own_test_is_blind(ratio):
-    here = lab(5e3, 0.1, 1.534 * ratio)
-    data = here.dataset()
-    flags = Inspected(data, displacements(data), inspect(data)).flags()
-    warned = [warning.code for warning in warnings({"velocity": contradicted_velocity(flags, {})})]
-    assert warned == ([] if ratio == 1 else ["velocity-contradicted"])
-    # Where the measuring chain's own test speaks, it does so alone.
-    assert contradicted_velocity(flags, {"passed": False}) == {}
 
 
 def test_what_a_sensor_cut_off_is_no_other_velocity():
