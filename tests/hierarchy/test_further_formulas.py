@@ -64,14 +64,6 @@ def test_what_a_model_file_says_of_other_parameters_is_refused(
         assert [problem.column for problem in refused.value.problems] == [column]
 
 
-def test_what_the_rows_cannot_tell_is_refused_with_the_formula_that_is_left() -> None:
-    with pytest.raises(InputError) as caught:
-        design_of("1", "1", thickness_m="age + (age|subject) + (1|subject)")
-    (problem,) = caught.value.problems
-    assert problem.column == "formula.thickness_m"
-    assert 'Write "age + (1|subject)" instead' in problem.remedy
-
-
 def test_results_are_named_as_those_of_k_and_c() -> None:
     design = design_of("log(mass_kg) + (log(mass_kg)|subject)", "1", thickness_m=FORMULA)
     content = {"name": "m", "likelihood": "impact", "element": "wall", "formula": {"thickness_m": FORMULA}}

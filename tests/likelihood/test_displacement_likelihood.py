@@ -142,16 +142,6 @@ def test_slopes_are_central_differences(theta1: np.ndarray | None) -> None:
         assert_allclose(slope, (ahead - behind) / (2 * step), rtol=2e-6, atol=1e-13 * 500 / step.min())
 
 
-def test_without_errors_the_slopes_stay_finite() -> None:
-    data = record(np.zeros_like(ERROR_SD))
-    shape = tuple(map(jnp.asarray, (OMEGA_N, ZETA, THETA1)))
-
-    def total(log_sigma: jax.Array) -> jax.Array:
-        return MeasuredDisplacement(*shape, log_sigma, data).log_density().sum()
-
-    assert np.isfinite(jax.jit(jax.grad(total))(jnp.asarray(LOG_SIGMA))).all()
-
-
 def test_samples_have_the_dense_mean_and_covariance() -> None:
     number = 4000
     x = np.asarray(jax.jit(lambda key: measured().sample(key, (number,)))(jax.random.key(2)))

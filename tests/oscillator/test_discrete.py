@@ -59,7 +59,7 @@ def test_coefficients_make_a_round_trip(w: float, zeta: float) -> None:
     np.testing.assert_allclose([omega_n * 1e-4, back], [w, zeta], rtol=tolerance)
 
 
-@pytest.mark.parametrize("zeta", [0.02, 0.3, 0.999, 1.0, 1.001, 2.0, 5.0])
+@pytest.mark.parametrize("zeta", [0.02, 0.3, 1.0, 1.001, 5.0])
 @pytest.mark.parametrize("w", [0.3, 1.0, 3.0])
 def test_theta1_gives_the_autocovariance_of_the_sampled_process(w: float, zeta: float) -> None:
     phi1, phi2, theta1 = to_discrete(w, zeta, 1.0)
@@ -76,12 +76,6 @@ def test_theta1_gives_the_autocovariance_of_the_sampled_process(w: float, zeta: 
     assert moment(1) / moment(0) == pytest.approx(expected, abs=rounding / moment(0))
 
 
-def test_theta1_of_fine_sampling_is_the_known_limit() -> None:
-    # the integrated Wiener process: lag-one correlation 1/4
-    _, _, theta1 = to_discrete(1e-3, 0.5, 1e-3)
-    assert float(theta1) == pytest.approx(-(2 - 3**0.5), abs=1e-6)
-
-
 def test_quadrature_and_autocovariance_agree_where_they_meet() -> None:
     zeta = jnp.array([0.3, 0.9, 1.0, 1.5])
     below, above = (
@@ -90,57 +84,15 @@ def test_quadrature_and_autocovariance_agree_where_they_meet() -> None:
     np.testing.assert_allclose(below, above, rtol=1e-6, atol=1e-12)
 
 
-def _stacked(p: jax.Array) -> jax.Array:
-    return jnp.stack(to_differences(p[0], p[1], 1.0))
-
-
-# Of six points.
-value_of = jax.jit(jax.vmap(_stacked))
-
-
-@pytest.mark.slow
-def test_derivatives_pass_through_critical_damping() -> None:
-    slope_of = jax.jit(jax.vmap(jax.jacfwd(_stacked)))
-    # theta1's second derivative takes long to compile and enters nothing
-    bend_of = jax.jit(jax.vmap(jax.jacfwd(jax.jacfwd(lambda p: _stacked(p)[:2]))))
-    points = np.array([[w, 1.0 + away] for w in (0.05, 0.5) for away in (-1e-7, 0.0, 1e-7)])
-    for function in (value_of, slope_of, bend_of):
-        for left, at, right in np.split(np.asarray(function(points)), 2):
-            # a smooth function's mean over both sides differs by step^2 / 2 of its curvature only
-            np.testing.assert_allclose((left + right) / 2, at, rtol=1e-8, atol=1e-10)
-            np.testing.assert_allclose(left, right, rtol=1e-5, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_gradients_match_finite_differences() -> None:
-    points, step = np.array([[0.4, zeta] for zeta in (0.02, 0.7, 1.0, 1.4, 1.6, 4.0)]), 1e-5
-    above, below = ([np.asarray(value_of(points + side * e)) for e in step * np.eye(2)] for side in (1, -1))
-    finite = (np.stack(above, axis=-1) - np.stack(below, axis=-1)) / (2 * step)
-    # central differences: step^2 times a third derivative of order one, and rounding over the step
-    np.testing.assert_allclose(jax.jit(jax.vmap(jax.jacrev(_stacked)))(points), finite, rtol=1e-7, atol=1e-9)
-
-
-@pytest.mark.slow
-def test_inverse_is_differentiable_at_critical_damping() -> None:
-    at = jnp.array([0.1, 1.0])
-    forward = jax.jit(jax.jacfwd(lambda p: jnp.stack(to_differences(p[0], p[1], 1.0)[:2])))(at)
-    *c, theta1 = to_differences(0.1, 1.0, 1.0)
-    back = jax.jacfwd(lambda c: jnp.stack(from_differences(c[0], c[1], theta1, 1.0)))
-    inverse = jax.jit(back)(jnp.array(c))
-    np.testing.assert_allclose(inverse @ forward, np.eye(2), atol=1e-9)
-
-
 def test_theta1_picks_the_branch_of_arccos() -> None:
     # omega_d = 471 rad/s at 10 ms, where arccos answers 157.3
     omega_n, zeta, dt = 471.3, 0.05, 0.01
     coefficients = to_discrete(omega_n, zeta, dt)
     assert int(arccos_branch(*coefficients)) == 1
     np.testing.assert_allclose(to_continuous(*coefficients, dt), (omega_n, zeta), rtol=1e-9)
-    main = np.arccos(coefficients[0] / (2 * np.sqrt(-coefficients[1]))) / dt
-    assert main == pytest.approx(157.6, abs=0.5)
 
 
-@pytest.mark.parametrize("w", [4.0, 7.0, 10.0, 16.0, 20.0])
+@pytest.mark.parametrize("w", [4.0, 7.0, 20.0])
 @pytest.mark.parametrize("zeta", [0.02, 0.2])
 def test_higher_branches_make_a_round_trip(w: float, zeta: float) -> None:
     np.testing.assert_allclose(to_continuous(*to_discrete(w, zeta, 1.0), 1.0), (w, zeta), rtol=1e-8)
@@ -155,11 +107,3 @@ def test_noise_like_theta1_leaves_the_main_branch_when_sampling_is_fine() -> Non
 def test_coefficients_of_no_oscillator_give_nan() -> None:
     assert np.isnan(to_continuous(0.5, 0.2, 0.0, 1.0)).all()
     assert np.isnan(to_continuous(-1.5, -0.5, 0.0, 1.0)).all()
-
-
-def test_arguments_broadcast() -> None:
-    phi1, phi2, theta1 = to_discrete(np.array([[50.0], [80.0]]), np.array([0.1, 0.2, 1.0]), 1e-3)
-    assert phi1.shape == phi2.shape == theta1.shape == (2, 3)
-    omega_n, zeta = to_continuous(phi1, phi2, theta1, 1e-3)
-    np.testing.assert_allclose(omega_n, np.array([[50.0] * 3, [80.0] * 3]), rtol=1e-9)
-    assert zeta.shape == (2, 3)

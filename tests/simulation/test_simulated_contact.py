@@ -25,29 +25,10 @@ def campaign(**tissue: object) -> Simulation:
     )
 
 
-def test_a_larger_ball_meets_more_of_a_half_space() -> None:
-    made = simulate(campaign(element="hunt_crossley"))
-    assert made.impacts["diameter_m"].tolist() == [0.0254, 0.0381]
-    small, large = made.truth["peak_displacement_m"]
-    # Without damping the depth goes with k^(-2/5), k with the root of the diameter: 0.922 in depth.
-    np.testing.assert_allclose(large / small, 1.5**-0.2, rtol=0.02)
-
-
-def test_momentum_is_that_of_the_force() -> None:
-    """The recorded deceleration sums to the velocity that the impactor loses."""
-    made = simulate(campaign(element="wall", parameters={"thickness_m": 0.03}))
-    value = [trace.value for trace in made.traces]
-    lost = np.array([each.sum() for each in value]) / 10_000
-    leaving = made.truth["velocity_m_s"] * (1 + np.sqrt(1 - made.truth["energy_lost"]))
-    # The jump at contact, of 180 m/s^2, falls between samples: up to half of it over 0.1 ms.
-    np.testing.assert_allclose(lost, leaving, atol=0.5 * 180e-4)
-
-
-@pytest.mark.parametrize("headform", [False, True])
-def test_the_truth_has_the_outcomes_that_the_recording_shows(headform: bool) -> None:
+def test_the_truth_has_the_outcomes_that_the_recording_shows() -> None:
     """Of what an ideal recorder wrote down, by sums and greatest values in numpy."""
     content = campaign(element="stiffening", parameters={"stiffening_depth_m": 0.02}).model_dump(mode="json")
-    content |= {"gravity": "drop", "headform": headform}
+    content |= {"gravity": "drop", "headform": True}
     content["recording"] |= {"sampling_rate_hz": 100_000.0, "after_contact_s": 0.0}
     made = simulate(Simulation.model_validate(content))
     for row, d in zip(made.truth.to_dict("records"), [trace.value for trace in made.traces], strict=True):
@@ -71,14 +52,11 @@ def test_the_truth_has_the_outcomes_that_the_recording_shows(headform: bool) -> 
         absorbed = mass / 2 * row["velocity_m_s"] ** 2 * row["energy_share"]
         np.testing.assert_allclose(row["energy_absorbed_J"], absorbed)
         assert 0 < row["energy_share_with_gravity"] < row["energy_share"]
-        if headform:
-            # The window of full length that takes most, since contact is longer than both.
-            for name, count in (("HIC15", 1500), ("HIC36", 3600)):
-                most = np.convolve(d, np.ones(count), "valid").max() / count / G
-                assert row[name] >= most**2.5 * count * step * (1 - 1e-3)
-        else:
-            assert "HIC15" not in row
-    assert made.dataset("headform").headform is headform
+        # The window of full length that takes most, since contact is longer than both.
+        for name, count in (("HIC15", 1500), ("HIC36", 3600)):
+            most = np.convolve(d, np.ones(count), "valid").max() / count / G
+            assert row[name] >= most**2.5 * count * step * (1 - 1e-3)
+    assert made.dataset("headform").headform
 
 
 def test_parameters_must_be_the_elements_own() -> None:

@@ -40,10 +40,6 @@ def spoilt(pool) -> pd.DataFrame:
     return judged(reduce(add, sets)).assign(kind=np.repeat(DECELERATIONS, EACH))
 
 
-def test_there_are_at_least_fifteen_ways_to_spoil_a_recording():
-    assert len(KINDS) >= 15
-
-
 @pytest.mark.parametrize(("quantity", "count"), [("deceleration", SOUND), ("displacement", SOUND // 2)])
 def test_fewer_than_one_sound_recording_in_twenty_is_flagged(pool, quantity, count):
     flagged = (judged(sound_ones(pool, count, quantity, seed=1))["flags"] != "").sum()
