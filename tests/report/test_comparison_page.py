@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 
-import pandas as pd
 import pytest
 
 import bayestissue as bt
@@ -15,7 +14,7 @@ from bayestissue.inference.model_comparison import same_questions
 from bayestissue.reports.pages import write_report
 from bayestissue.reports.pages.comparison import answers_figure, answers_table
 from make_fit_run import fit_run, make_scored_run
-from page_reader import Reader, figures
+from page_reader import figures, require_whole
 
 pytestmark = pytest.mark.usefixtures("read_once")
 
@@ -45,17 +44,8 @@ def html(folder):
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
-def test_the_page_is_whole_and_asks_nothing_of_the_network(html):
-    page = Reader()
-    page.feed(html)
-    assert page.open == []
-    assert page.unnamed == 0
-    assert len(page.ids) == len(set(page.ids))
-    assert {link[1:] for link in page.links} <= set(page.ids)
-
-
 def test_it_says_what_predicts_best_what_cannot_be_compared_and_what_failed(html):
+    require_whole(html)
     text = plain(html[: html.index("<nav")])
     assert "DIAGNOSTICS FAILED in impact" in text
     assert "Densities of displacement: Leave one impact out: “arma” predicts best" in text
@@ -64,72 +54,22 @@ def test_it_says_what_predicts_best_what_cannot_be_compared_and_what_failed(html
     assert re.search(r"K = 2\d{3} N/m [\d ]+to [\d ]+ \(a2\)", text)
 
 
-def test_what_a_run_was_warned_of_is_said_first(folder, tmp_path):
+def test_warnings_come_first_and_different_elements_are_compared_by_what_means_the_same(folder, tmp_path):
     about = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     for run in about["runs"]:
         run["verdict"] = {"passed": True, "words": "", "warned": run["name"] == "a2", "headline": "Not so."}
-    whole = shutil.copytree(folder, tmp_path / "warned")
-    (whole / ".bayestissue.json").unlink()
-    (whole / "run.json").write_text(json.dumps(about), encoding="utf-8")
-    text = plain(write_report(whole).read_text(encoding="utf-8"))
-    assert "The sampler passed in every run, but 1 of them is warned of. a2: Not so." in text
-    assert "Diagnostics passed in every run" not in text
-
-
-def test_runs_of_different_elements_are_compared_by_what_means_the_same(folder, tmp_path):
-    out = shutil.copytree(folder, tmp_path / "other")
-    about = json.loads((out / "run.json").read_text(encoding="utf-8"))
     about["runs"][1]["model"]["element"] = "maxwell"
+    out = shutil.copytree(folder, tmp_path / "other")
     # With its mark the run would be refused as changed.
     (out / ".bayestissue.json").unlink()
     (out / "run.json").write_text(json.dumps(about), encoding="utf-8")
     html = write_report(out).read_text(encoding="utf-8")
     text = plain(html)
+    assert "The sampler passed in every run, but 1 of them is warned of. a2: Not so." in text
+    assert "Diagnostics passed in every run" not in text
     assert "whose K and C are different things" in text
     assert "interval of a new impact on a new person" not in text
     assert "secant K of these impacts together (geometric mean) (N/m)" in " ".join(figures(html))
-
-
-def test_an_interval_stands_beside_what_it_is_of(html):
-    text = plain(html[: html.index("<nav")])
-    assert "In grey the 90&nbsp;% interval of a new impact on a new person." in text
-    assert "A typical person: K" in text
-
-
-@pytest.mark.slow
-def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_depth(tmp_path):
-    depths = {"likelihood": "impact", "exponent": 0.0, "own_depth": 0.3}
-    out = made(tmp_path, straight={"likelihood": "impact", "exponent": 0.5}, stiffening=depths)
-    table = pd.read_csv(out / "posteriors.csv").set_index(["variable", "run"])["median"]
-    assert table["mass_exponent_K_secant", "stiffening"] > 0.25
-    html = (out / "report.html").read_text(encoding="utf-8")
-    card = plain(html[html.index('id="answer-3"') : html.index("Where K depends on depth")])
-    assert re.search(r"K ∝ M0\.\d+ [^(]*\(straight\) K ∝ M−?0\.0\d [^(]*\(stiffening\)", card)
-    assert "mass exponent of K at the common depth (no unit)" in " ".join(figures(html))
-    assert "mass exponent of K at each impact's greatest depth" in plain(html).replace("&#39;", "'")
-
-
-def test_it_shows_both_figures_and_where_the_models_differ(html):
-    # Three schemes of the two comparable runs; of K and of C exponent, typical and new person, each person;
-    # three outcomes.
-    assert html.count('role="img"') == 3 + 2 * 4 + 3
-    assert "peak force of person s0 at the reference impact" in plain(html)
-    text = plain(html)
-    differ = text[text.index("Where the models differ") : text.index("SHA-256")]
-    assert "likelihoodarmaa2impact" in differ
-    assert "priors" not in differ
-
-
-@pytest.mark.slow
-def test_long_names_leave_room_for_the_figure(tmp_path):
-    out = made(tmp_path, **{"a" * 70: {}, "b" * 70: {"worse": 1.0}})
-    html = (out / "report.html").read_text(encoding="utf-8")
-    # A label loses its middle; the legend and the tooltip have it whole.
-    assert any("…" in one and "a" * 70 in one for one in figures(html))
-
-
-def test_the_page_can_be_written_anew(folder, html):
-    assert write_report(folder).read_text(encoding="utf-8") == html
 
 
 def test_runs_answer_the_same_questions_side_by_side() -> None:

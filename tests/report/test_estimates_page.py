@@ -51,23 +51,7 @@ def test_flags_are_counted_and_come_first(tmp_path):
     assert "theta1 at the boundary (4) and residuals not white (4)" in html
     table = html[html.index("Table of the estimates") :]
     assert table.index(">i33<") < table.index(">i0<")
-
-
-def test_the_options_of_the_fit_are_told_and_cells_are_escaped(tmp_path):
-    html = page_of(make_estimates_run(tmp_path))
-    assert "options.window" in html
     assert "&lt;b&gt;" in html
-
-
-def test_tables_that_a_run_may_hold_are_shown_when_they_are_there(tmp_path):
-    folder = make_estimates_run(tmp_path)
-    assert "What centring does" not in page_of(folder)
-    pd.DataFrame({"mass_kg": [0.375, 1.0], "way": ["rest", "mean"], "K": [3000.0, 6377.1]}).to_csv(
-        folder / "centring.csv", index=False
-    )
-    html = page_of(folder)
-    assert "What centring does" in html
-    assert "<td>6377</td>" in html
 
 
 def test_of_many_impacts_the_worst_are_shown_and_the_figures_are_painted(tmp_path):
@@ -76,14 +60,6 @@ def test_of_many_impacts_the_worst_are_shown_and_the_figures_are_painted(tmp_pat
     charts = [json.loads(text) for text in figures(html)]
     assert [chart["usermeta"]["embedOptions"]["renderer"] for chart in charts] == ["canvas"] * 2
     assert len(html) - len(library()) < 1_000_000
-
-
-def test_flagged_impacts_have_a_mark_of_their_own(tmp_path):
-    chart = json.loads(figures(page_of(make_estimates_run(tmp_path)))[0])
-    rows = pd.DataFrame(chart["datasets"]["rows-0"])
-    assert set(rows.loc[rows["kind"] == "flagged", "impact"]) == {"i3", "i13", "i23", "i33"}
-    shape = chart["layer"][-1]["encoding"]["shape"]["scale"]
-    assert (shape["domain"], shape["range"]) == (["no flag", "flagged"], ["circle", "square"])
 
 
 def test_impacts_without_an_estimate_are_counted(tmp_path):

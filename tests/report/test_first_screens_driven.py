@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from test_page_words import undescribed
+from changed_fits import undescribed
 
 from bayestissue.reports.pages import write_report
 from make_fit_run import fit_run
@@ -30,8 +30,7 @@ MADE = {
     "masses": (2, {}),
     "sides": (2, {"two_sides": True}),
     "beside a discrepancy": (2, {"discrepancy": True, "own_depth": 0.3, "two_sides": True}),
-    "one mass": (2, {"exponent": None, "mass_varies": False}),
-    "failed": (2, {"passed": False}),
+    "one mass": (2, {"exponent": None, "mass_varies": False, "passed": False}),
     "not described": (0, {}),
 }
 

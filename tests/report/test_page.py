@@ -22,21 +22,12 @@ def line(title: str = "x (m)", samples: int = 2) -> Figure:
     return points(rows, number("x", title), number("y", "y (m)"), 'K < 3 & "C"')
 
 
-def test_values_are_escaped():
+def test_values_are_escaped_and_one_that_lacks_is_an_error():
     page = render_page("base.html", title="<script>alert(1)</script>")
     assert "<script>alert(1)" not in page
     assert "&lt;script&gt;alert(1)" in page
-
-
-def test_a_name_the_template_wants_and_does_not_get_is_an_error():
     with pytest.raises(jinja2.UndefinedError):
         render_page("base.html")
-
-
-def test_the_contents_link_to_anchors():
-    assert '<a href="#audit">The audit</a>' in render_page(
-        "base.html", title="t", contents=[("audit", "The audit")]
-    )
 
 
 def test_a_figure_says_what_it_shows_and_has_its_numbers():
@@ -65,16 +56,6 @@ def test_what_is_packed_comes_back_and_holds_no_mark_of_html():
         assert not set(text) & set("<>&'\"")
 
 
-def test_the_same_figure_is_the_same_bytes():
-    assert drawn(line()) == drawn(line())
-
-
-def test_two_figures_share_no_names():
-    first, second = drawn(line("x (m)")), drawn(line("t (s)"))
-    names = [set(re.findall(r'\bid="([^"]+)"', figure)) for figure in (first, second)]
-    assert not names[0] & names[1]
-
-
 def test_a_page_carries_the_entries_of_its_warnings() -> None:
     html = render_page("base.html", title="A page", codes=["clipped", "hum", "clipped"])
     assert html.count('<details id="explain-clipped">') == 1
@@ -87,14 +68,3 @@ def test_a_page_carries_the_entries_of_its_warnings() -> None:
 def test_a_figure_is_drawn_again_and_held_once() -> None:
     (identifier,) = re.findall(r'<div class="chart" id="([^"]+)"', drawn(line()))
     assert again(line()) == f'<div class="again" data-of="{identifier}"></div>'
-
-
-def test_a_page_reads_without_its_script_and_prints_its_summary_first() -> None:
-    """Buttons that sort come from the script alone; in print the summary has the first page to itself."""
-    html = render_page("base.html", title="A page")
-    static = html[: html.index("<script>")]
-    assert "<button" not in static
-    printed = html[html.index("@media print") : html.index("</style>")]
-    assert ".summary { display: block" in printed
-    assert "main { break-before: page; }" in printed
-    assert ".summary { display: none; }" in html

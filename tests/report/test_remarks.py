@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pandas as pd
 import pytest
 
 from bayestissue.reports.pages import posterior
@@ -34,9 +33,3 @@ def test_the_best_explanation_and_its_rivals_are_named(run):
     # However certain, a small difference tells nothing.
     little = run.comparison.assign(se_difference=0.1, elpd_difference=-3.0)
     assert "or four nats of it: mass" in posterior.best_explanations(little)[1]
-
-
-def test_priors_that_matter_are_named(run):
-    assert posterior.prior_remark(run.sensitivity) == "No posterior is sensitive to its prior; looked at: 19."
-    doubtful = pd.DataFrame({"variable": ["a", "b"], "diagnosis": ["✓", "potential conflict"]})
-    assert "Worth a look, of 2 posteriors: b (potential conflict)" in posterior.prior_remark(doubtful)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_page_words import FALL, OWN, heavy_drops, without_outcomes
+from changed_fits import FALL, OWN, heavy_drops
 
 from bayestissue import Fit
 from bayestissue.reports.pages.fit import usual
@@ -33,11 +33,6 @@ def test_published_values_of_the_site_stand_beside_this_study_s() -> None:
     for name, line in beside.items():
         assert line.ratio == pytest.approx(OWN[name] / PUBLISHED[name])
     assert [line.unusual for line in beside.values()] == ["", "", "less than half"]
-
-
-def test_a_page_of_other_motions_says_nothing_of_it() -> None:
-    assert not usual.is_answered(of("", mass_kg=0.5, velocity_m_s=1.5))
-    assert not usual.is_answered(changed(without_outcomes(fit_run(**RUN)), record={"site": ""}))
 
 
 def test_secant_stiffness_compares_where_an_element_has_it() -> None:

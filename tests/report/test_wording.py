@@ -1,42 +1,60 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bayestissue.reports.pages import wording
+from bayestissue.reports.pages.wording import Spread
+
+
+def spread(*numbers: float) -> tuple[str, str]:
+    found = Spread(*numbers)
+    return found.value, found.range
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "expected"),
+    ("function", "given", "said"),
     [
-        (17.92, 19.18, "17.9 to 19.2"),
-        (0.9312, 0.9961, "0.931 to 0.996"),
-        (2640.0, 3560.0, "2640 to 3560"),
-        (-0.21, 0.38, "−0.21 to 0.38"),
-        (2.0, 2.0, "2.000 to 2.000"),
+        # Two digits of the width.
+        (wording.interval, (17.92, 19.18), "17.9 to 19.2"),
+        (wording.interval, (-0.21, 0.38), "−0.21 to 0.38"),
+        (wording.interval, (2.0, 2.0), "2.000 to 2.000"),
+        (wording.estimated, (50003.0, 48211.0, 51790.0), ("50000", "48200", "51800")),
+        (wording.estimated, (50003.0, 50001.2, 50004.9), ("50003.0", "50001.2", "50004.9")),
+        (wording.estimated, (1.5, 1.25, math.inf), ("1.500", "1.250", "inf")),
+        (wording.estimated, (math.nan, 0.0, 2.0), ("nan", "0", "2.000")),
+        # Ends that differ tenfold have digits of their own.
+        (spread, (2699, 1789, 3910), ("2700", "1800 to 3900")),
+        (spread, (3.84, 0.251, 73.2), ("3.8", "0.25 to 73")),
+        (wording.significant, (0.00123456,), "0.00123"),
+        (wording.significant, (1336.4,), "1340"),
+        (wording.significant, (-0.5,), "−0.500"),
+        (wording.significant, (1e-9,), "1.00e−09"),
+        # No more than draws can tell.
+        (wording.probability, (0.0,), "below 0.001"),
+        (wording.probability, (0.468,), "0.47"),
+        (wording.probability, (0.9951,), "0.995"),
+        (wording.probability, (1.0,), "above 0.999"),
+        (wording.probability, (math.nan,), "not known"),
+        (wording.percent, (0.0161,), "1.6 %"),
+        (wording.percent, (0.0996,), "10 %"),
+        (wording.percent, (1e-5,), "below 0.1 %"),
+        (wording.percent, (math.nan,), "not known"),
+        (wording.number, (-0.001, 2), "0.00"),
+        (wording.listed, (["a", "b", "c"],), "a, b and c"),
+        # A wide relative spread is a factor.
+        (wording.relative, (0.063,), "±6.3 %"),
+        (wording.relative, (1.71,), "a factor of 2.7"),
+        (wording.relative, (math.inf,), "not known"),
     ],
 )
-def test_an_interval_shows_two_digits_of_its_width(low, high, expected):
-    assert wording.interval(low, high) == expected
-
-
-@pytest.mark.parametrize(
-    ("numbers", "expected"),
-    [
-        ((50003.0, 48211.0, 51790.0), ("50000", "48200", "51800")),
-        ((50003.0, 50001.2, 50004.9), ("50003.0", "50001.2", "50004.9")),
-        ((312345.0, 0.0, 912345.0), ("310000", "0", "910000")),
-        ((50003.0, 50003.0, 50003.0), ("50000", "50000", "50000")),
-        ((0.0123456, 0.01234, 0.01235), ("0.01235", "0.01234", "0.01235")),
-        ((1.5, 1.25, math.inf), ("1.500", "1.250", "inf")),
-        ((math.nan, 0.0, 2.0), ("nan", "0", "2.000")),
-    ],
-)
-def test_a_median_and_its_interval(numbers, expected):
-    assert wording.estimated(*numbers) == expected
+def test_numbers_in_words(function: Callable[..., object], given: tuple[object, ...], said: object) -> None:
+    found = function(*given)
+    assert (found.replace("\N{NO-BREAK SPACE}", " ") if isinstance(found, str) else found) == said
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-4, 1e6))
@@ -48,70 +66,8 @@ def test_rounding_moves_an_end_by_at_most_a_tenth_of_the_width(low, width):
     assert abs(shown - low) <= max(0.05 * width, 0.5 * 10.0**-decimals) * 1.001
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [
-        (0.00123456, "0.00123"),
-        (23.21, "23.2"),
-        (1336.4, "1340"),
-        (-0.5, "−0.500"),
-        (0.0, "0"),
-        (1e-9, "1.00e−9"),
-    ],
-)
-def test_significant_digits(value, expected):
-    assert wording.significant(value).replace("e−09", "e−9") == expected
-
-
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [(0.0, "below 0.001"), (0.0042, "0.004"), (0.468, "0.47"), (0.9951, "0.995"), (1.0, "above 0.999")],
-)
-def test_a_probability_claims_no_more_than_draws_can_tell(value, expected):
-    assert wording.probability(value) == expected
-
-
-@pytest.mark.parametrize(
-    "function", [wording.probability, wording.percent, wording.significant, lambda x: wording.number(x, 2)]
-)
-def test_what_is_not_a_number_is_said_to_be_unknown(function):
-    assert function(math.nan) == "not known"
-
-
-def test_there_is_no_negative_zero():
-    assert wording.number(-0.001, 2) == "0.00"
-
-
-@pytest.mark.parametrize(
-    ("ratio", "expected"), [(0.0161, "1.6 %"), (0.0996, "10 %"), (0.58, "58 %"), (1e-5, "below 0.1 %")]
-)
-def test_percentages(ratio, expected):
-    assert wording.percent(ratio).replace("\N{NO-BREAK SPACE}", " ") == expected
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"), [([], ""), (["a"], "a"), (["a", "b"], "a and b"), (["a", "b", "c"], "a, b and c")]
-)
-def test_lists_read_as_sentences(words, expected):
-    assert wording.listed(words) == expected
-
-
 def test_words_for_probabilities_are_in_order():
     said = [wording.likelihood_words(value) for value in (0.995, 0.95, 0.8, 0.5, 0.2, 0.05, 0.001)]
     assert said[0] == "almost certainly"
     assert said[-1] == "almost certainly not"
     assert len(set(said)) == len(said)
-
-
-@pytest.mark.parametrize(
-    ("ratio", "expected"),
-    [
-        (0.063, "±6.3 %"),
-        (0.49, "±49 %"),
-        (1.71, "a factor of 2.7"),
-        (math.inf, "not known"),
-        (math.nan, "not known"),
-    ],
-)
-def test_a_wide_relative_spread_is_a_factor(ratio, expected):
-    assert wording.relative(ratio).replace("\N{NO-BREAK SPACE}", " ") == expected
