@@ -83,7 +83,7 @@ def test_a_variable_has_what_a_question_answers(known) -> None:
 
 
 # Formula, and of each variable by its levels the truth in log K: 8 + 0.2 right + 0.3 hard + people's
-# 0.01, 0.02 and 0.03, of their sides a tenth more and less, of sessions 0.05 and 0.06, team b 0.1.
+# 0.01, 0.02 and 0.03, of their sides a few thousandths, of sessions 0.05 and 0.06, team b 0.1.
 TABLE = [
     (
         "side + surface + (1|subject) + (1|session)",
@@ -100,8 +100,8 @@ TABLE = [
         {
             "typical_person": [8.15],
             "team": [8.1, 8.2],
-            "subject": [8.11, 8.22, 8.23],
-            "subject_side": [8.011, 8.209, 8.122, 8.318, 8.133, 8.327],
+            "subject": [8.111, 8.219, 8.231],
+            "subject_side": [8.014, 8.208, 8.122, 8.316, 8.133, 8.329],
         },
     ),
     ("side*surface + (1|subject)", {"typical_person": [8.2], "side": [8.15, 8.25], "surface": [8.0, 8.4]}),
@@ -125,7 +125,7 @@ def test_every_value_is_the_truth_at_the_levels_that_it_names(formula, truth) ->
     coefficients = {"side[right]": 0.2, "surface[soft]": -0.3, "team[b]": 0.1, "side:surface": -0.2}
     effects = {
         "subject": [0.01, 0.02, 0.03],
-        "subject:side": [0.001, -0.001, 0.002, -0.002, 0.003, -0.003],
+        "subject:side": [0.004, -0.002, 0.002, -0.004, 0.003, -0.001],
         "session": [0.05, 0.06],
     }
     one = np.ones((1, 1))

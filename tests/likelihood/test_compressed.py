@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import factorial
 from typing import Any
 
 import jax
@@ -10,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from dense_impact import record_of
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.oscillator import impact_motion, time_to_peak
 from bayestissue.model.likelihood.element.compressed import (
     LANES,
+    RADIUS,
     TERMS,
     CompressedTraces,
     log_density,
@@ -132,6 +134,29 @@ def test_many_impacts_are_summed_block_by_block() -> None:
     assert traces.later.shape == (5, TERMS // 2, LANES // 2)
     one_block, blocks = jax.jit(log_density)(compressed(here), at), jax.jit(log_density)(traces, many)
     assert_allclose(blocks, np.asarray(one_block)[rows], rtol=1e-12)
+
+
+def test_what_is_left_out_within_the_bound_is_less_than_rounding() -> None:
+    most = RADIUS**TERMS / factorial(TERMS) / (1 - RADIUS / (TERMS + 1))
+    assert most < 2.0**-53
+    tail = sum(RADIUS**k / factorial(k) for k in range(TERMS, 2 * TERMS))
+    assert tail < most
+
+
+def test_the_bound_is_of_the_norm_of_the_motion_s_matrix() -> None:
+    here = record(gravity=False, modes=False, uniform=False)
+    traces = compressed(here)
+    for scale in (1.0, 4.0, 30.0):
+        K, C = scale * MASS * OMEGA_N**2, scale * 2 * ZETA * OMEGA_N * MASS
+        at = MeasuredImpact(TISSUE, jnp.asarray([K, C]), NoiseParameters(jnp.zeros(IMPACTS)), here)
+        half = np.maximum(np.asarray(traces.half), np.asarray(here.first_time + traces.half))
+        root, p = np.sqrt(K / MASS) * half, C / MASS * half
+        norm = [np.linalg.norm([[0.0, a], [-a, -b]], 2) for a, b in zip(root, p, strict=True)]
+        assert_array_equal(within(traces, at), np.array(norm) <= RADIUS)
+    outside = MeasuredImpact(
+        TISSUE, jnp.full((2, IMPACTS), jnp.nan), NoiseParameters(jnp.zeros(IMPACTS)), here
+    )
+    assert not within(traces, outside).any()
 
 
 def test_no_other_traces_are_compressed() -> None:
