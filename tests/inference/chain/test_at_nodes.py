@@ -8,15 +8,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bayestissue.base.padding import padded_impacts
-from bayestissue.inference.chain.chain_settings import ChainSettings
-from bayestissue.inference.chain.draws import _advanced
-from bayestissue.inference.chain.moves import Kernel, State
 from bayestissue.inference.chain.target import Target
-from bayestissue.inference.chain.warm_up import begin
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
@@ -68,25 +63,3 @@ def test_one_trace_that_is_not_within_the_bound_has_all_asked_of_all_samples() -
     assert not target.present[last]
     filled = u.at[0, last].set(14.0)
     assert_array_equal(log_likelihood(others, filled), log_likelihood(others, u))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("model", [{"discrepancy": "none"}, {"discrepancy": "always"}])
-def test_a_chain_by_nodes_is_the_chain_by_all_samples(model: dict[str, str]) -> None:
-    target, sites = begun(**model)
-    (first,), tuning = begin(target, sites, 1, np.random.default_rng(0))
-    settings, ends = ChainSettings(), []
-    for one in (target, replace(target, compressed=None)):
-        carried, path = first, []
-        for number in range(4):
-            key = jax.random.fold_in(jax.random.key_data(jax.random.key(1)), number)
-            segment = _advanced(Kernel(one, settings, tuning, 0.1), carried, key)
-            carried = segment.carried
-            path.append(np.asarray(segment.path.traces))
-        ends.append((carried[0], np.concatenate(path)))
-    (by_nodes, densities), (by_samples, expected) = ends
-    present = np.asarray(target.present)
-    assert_allclose(densities[:, present], expected[:, present], atol=1e-5)
-    assert len(np.unique(expected[:, 0])) > 20
-    for name in State._fields[:3]:
-        assert_allclose(getattr(by_nodes, name), getattr(by_samples, name), rtol=1e-9, atol=1e-12)

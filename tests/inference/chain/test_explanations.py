@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.inference.chain import explanations as module
 from bayestissue.inference.chain.explanations import DISTINCT, LEAST, MOST, _distinct
-from bayestissue.inference.factors.expansions import expanded
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
-from gaussian_traces import prepared
 
 
 def tried(*starts: list[tuple[float, float]]) -> GaussianFactor:
@@ -47,22 +43,3 @@ def test_there_are_no_more_than_some_of_one_trace():
     sites = _distinct(tried(*([(10.0 * n, -float(n))] for n in range(MOST + 2))))
     assert len(sites.centre) == MOST
     assert_allclose(sites.log_scale[:, 0], -np.arange(MOST))
-
-
-@pytest.mark.slow
-def test_of_many_impacts_others_are_looked_for_where_some_have_any(monkeypatch):
-    """A thousand that have one explanation each stand for all; here two for six."""
-    table = {"subject": list("aabbcc"), "trial": ["x", "y"] * 3, "mass_kg": [0.5, 1.0] * 3}
-    made, searched, laplace = prepared("log(mass_kg)", table), [], module.laplace_of_all
-    first = expanded(made)
-
-    def counted(model, data, start, *others):
-        searched.append(len(start))
-        return laplace(model, data, start, *others)
-
-    monkeypatch.setattr(module, "TOGETHER", 5)
-    monkeypatch.setattr(module, "some_impacts", lambda _: np.arange(2))
-    monkeypatch.setattr(module, "laplace_of_all", counted)
-    found = module.explanations(made, first)
-    assert searched == [2] * 4
-    assert found.centre.shape == (1, *first.centre.shape)

@@ -39,21 +39,6 @@ def fitted(dataset: Dataset, chains: int = 4, **model: Any) -> bt.Fit:
     return bt.fit(dataset, MODEL | model | {"sampler": {"chains": chains}}, seed=3)
 
 
-@pytest.mark.slow
-def test_one_impact_has_every_result():
-    made = fitted(campaign(1, (0.8,), 1000.0), chains=2, formula={"K": "1", "C": "1"})
-    assert made.diagnostics["passed"]
-    assert made.diagnostics["route"]["segments"] >= 10
-    posterior = made.posterior["posterior"].dataset
-    assert posterior.sizes["chain"] == 2
-    K = made.summary.set_index("variable").loc["K"]
-    # The impact's own K is within 2.4 standard deviations of the tissue's, and told to some per cent.
-    assert K["eti90_low"] < 3000 * np.exp(0.5)
-    assert K["eti90_high"] > 3000 * np.exp(-0.5)
-    assert K["eti90_high"] / K["eti90_low"] < 1.2
-    assert set(made.posterior["sample_stats"].dataset) == {"lp"}
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("model", [{}, {"discrepancy": "always"}])
 def test_it_draws_from_the_posterior_that_trajectories_find(model):

@@ -86,20 +86,24 @@ def z_scores(made: GaussianTarget, name: str, several: int, number: int, repeats
     return np.where(sd > 0, mean / np.maximum(sd, 1e-300) * np.sqrt(number), 0.0)
 
 
+def leaves_the_joint_law(structure: str, name: str, several: int, number: int, repeats: int, **further: Any):
+    K, table, model = STRUCTURES[structure]
+    made = prepared(K, table, **model, **further)
+    here = some_of(made, LEFT.get(structure, np.arange(len(made.impacts))))
+    z = z_scores(target_of(here), name, several, number, repeats)
+    moved = z[z != 0]
+    assert len(moved) > 3
+    assert np.abs(moved).max() < norm.isf(FALSE_ALARM / 2 / len(moved))
+
+
 @pytest.mark.parametrize("several", [1, 2])
 @pytest.mark.parametrize("name", [*(move.__name__ for move in moves.MOVES), "centred"])
 @pytest.mark.parametrize("structure", list(STRUCTURES))
 @pytest.mark.long
 def test_a_move_leaves_the_joint_law_as_it_is(structure, name, several):
-    K, table, model = STRUCTURES[structure]
     if several == 2 and name in ("by_level", "centred"):
         pytest.skip("asks for no site")
-    made = prepared(K, table, **model)
-    here = some_of(made, LEFT.get(structure, np.arange(len(made.impacts))))
-    z = z_scores(target_of(here), name, several, 4000, 5)
-    moved = z[z != 0]
-    assert len(moved) > 3
-    assert np.abs(moved).max() < norm.isf(FALSE_ALARM / 2 / len(moved))
+    leaves_the_joint_law(structure, name, several, 4000, 5)
 
 
 @pytest.mark.slow
@@ -113,8 +117,4 @@ def test_a_move_leaves_the_joint_law_as_it_is(structure, name, several):
     ],
 )
 def test_a_move_leaves_the_joint_law_as_it_is_in_few_draws(structure, name, model):
-    K, table, of_structure = STRUCTURES[structure]
-    z = z_scores(target_of(prepared(K, table, **of_structure, **model)), name, 1, 1000, 3)
-    moved = z[z != 0]
-    assert len(moved) > 3
-    assert np.abs(moved).max() < norm.isf(FALSE_ALARM / 2 / len(moved))
+    leaves_the_joint_law(structure, name, 1, 1000, 3, **model)

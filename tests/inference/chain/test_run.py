@@ -112,27 +112,6 @@ def test_arrays_that_were_changed_are_known(tmp_path: Path):
         read_arrays(path, tree)
 
 
-@pytest.mark.slow
-def test_more_draws_are_those_of_the_longer_run(people, monkeypatch):
-    sites = jax.tree.map(lambda leaf: leaf[None], people.traces)
-    monkeypatch.setattr(chain.Target, "from_prepared", lambda _: people)
-    here = GaussianFactor(*map(np.asarray, sites))
-    asked = Sampler(chains=2, effective=50, transitions=2000)
-    all_asked = list(chain_draws(ChainJob(prepared(K, PEOPLE), asked, 1), here, SHORT))
-    *passed, last = (draws.segments for draws in all_asked)
-    assert len(passed) > 1
-    assert passed == sorted(passed)
-    assert last == 100
-    assert all(draws.verdict.passed for draws in all_asked[:-1])
-    # What both have kept is the same: the longer run drops more segments at its beginning.
-    first, second = all_asked[:2]
-    skipped = 20 * (int(SHORT.dropped * second.segments) - int(SHORT.dropped * first.segments))
-    assert skipped < first.u.shape[1]
-    assert_array_equal(second.u[:, : first.u.shape[1] - skipped], first.u[:, skipped:])
-    # A run that goes on does so from where these ended.
-    assert first.end.segments < second.end.segments
-
-
 @pytest.mark.long
 def test_a_trace_with_two_explanations_gets_both_with_their_probabilities(monkeypatch):
     alone = prepared("1", {"subject": ["a"], "mass_kg": [0.8]})

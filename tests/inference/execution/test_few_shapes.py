@@ -13,15 +13,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue.base.padding import padded_impacts
-from bayestissue.inference.chain import draws
-from bayestissue.inference.chain.chain_settings import ChainSettings
-from bayestissue.inference.chain.draws import ChainJob, chain_draws
-from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.target import Target
-from bayestissue.inference.factors.expansions import expanded, first_guess
+from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import POINTS, densities_at, log_likelihoods
-from bayestissue.inference.fit import draws_of_chain
-from bayestissue.inference.quantities.quantity_draws import drawn_impacts
 from bayestissue.model.hierarchy import population
 from bayestissue.model.hierarchy.gaussian import arrangement
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
@@ -31,7 +25,6 @@ from bayestissue.recordings.dataset import Dataset
 from campaigns import simulated, spreads
 from dataset_bench import settings_of
 
-SHORT = ChainSettings(segment=20, most_rounds=1, first_look=2)
 # Sums of some ten thousand terms, in another order.
 ROUNDING = 1e-10
 
@@ -99,23 +92,6 @@ def test_a_model_is_its_value(dataset: Dataset, specification: ModelSpecificatio
 
 
 @pytest.mark.slow
-def test_fewer_people_and_impacts_left_out_have_the_same_shapes(specification, tmp_path) -> None:
-    """People and conditions are crossed, and both are filled up."""
-    masses = np.round(np.geomspace(0.4, 1.3, 9), 3).tolist()
-    whole = campaign(tmp_path, 10, 1, 0.002, masses)
-    keep = np.sort(np.random.default_rng(1).permutation(90)[:86])
-    left = whole.impacts.iloc[keep].reset_index(drop=True)
-    part = replace(whole, impacts=left, traces=[whole.traces[i] for i in keep])
-    shapes = set()
-    for each in (whole, campaign(tmp_path, 9, 2, 0.002, masses), part):
-        prepared = prepare(each, specification, source="model")
-        data = prepared.data.padded
-        sizes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(data))
-        shapes.add((jax.tree.structure((prepared.model, data)), sizes))
-    assert len(shapes) == 1
-
-
-@pytest.mark.slow
 def test_filling_up_changes_neither_densities_nor_conditionals(dataset, specification, monkeypatch) -> None:
     prepared = prepare(dataset, specification, source="model")
     with monkeypatch.context() as patch:
@@ -137,25 +113,3 @@ def test_filling_up_changes_neither_densities_nor_conditionals(dataset, specific
     found = log_likelihoods(model, data, u)
     assert found.shape == u.shape[:2]
     assert_allclose(found, densities_at.jitted(model, data, u, POINTS), rtol=ROUNDING)
-
-
-@pytest.mark.long
-def test_another_dataset_of_about_that_size_compiles_nothing(dataset, specification, tmp_path) -> None:
-    """Fewer people, other lengths, another error of the mass: the functions of a fit are compiled once."""
-
-    def fitted(dataset: Dataset) -> None:
-        prepared = prepare(dataset, specification, source="model")
-        sites = explanations(prepared, expanded(prepared))
-        chains = next(chain_draws(ChainJob(prepared, specification.sampler, 1), sites, SHORT))
-        found = draws_of_chain(prepared, chains, 0)
-        impacts, people = len(prepared.impacts), len(prepared.design.subjects)
-        assert {each.shape[2] for each in found.impacts.values()} == {impacts}
-        assert found.population["subject_effect_K"].shape[2] == people
-
-    compiled = [densities_at.jitted, drawn_impacts.jitted, draws._advanced]
-    fitted(dataset)
-    sizes = [function._cache_size() for function in compiled]
-    # Of the chain one program for both the warm-up and what follows.
-    assert sizes[-1] == 1
-    fitted(campaign(tmp_path, 10, 2, 0.004))
-    assert [function._cache_size() for function in compiled] == sizes

@@ -13,10 +13,8 @@ from scipy.stats import multivariate_normal
 from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, normals
 from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import (
-    POINTS,
     curvature_floor,
     laplace_sites,
-    log_likelihoods,
     weak_prior,
 )
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
@@ -43,22 +41,6 @@ def summaries_of(size: int, impacts: int = 5) -> tuple[GaussianFactor, Condition
     return GaussianFactor(*map(jnp.asarray, parts)), ConditionalPrior(
         rng.standard_normal((impacts, size)), precision[0]
     )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [1, POINTS, POINTS + 3])
-def test_values_do_not_depend_on_how_many_are_asked_for(number: int) -> None:
-    given = prepared("impact")
-    rng = np.random.default_rng(number)
-    u = first_guess(given) + 0.1 * rng.standard_normal((number, 6, 3))
-    u[0, 2, 0] = np.nan
-    found = log_likelihoods(given.model, given.data, u)
-    single = jax.jit(lambda each: log_likelihood(given.model, given.data, list(each.T)))
-    alone = np.array([single(each) for each in u])
-    assert found[0, 2] == -np.inf
-    finite = np.isfinite(alone)
-    # The same sums in another order of rounding, of some hundred terms.
-    np.testing.assert_allclose(found[finite], alone[finite], rtol=1e-11)
 
 
 @pytest.mark.slow

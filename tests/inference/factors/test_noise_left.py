@@ -31,7 +31,6 @@ def estimated(impacts: int, tissue: dict, recording: dict) -> pd.DataFrame:
 @pytest.mark.parametrize(
     ("impacts", "chain"),
     [
-        pytest.param(1000, {}, marks=pytest.mark.long, id="no errors"),
         pytest.param(1000, CHAIN, marks=pytest.mark.long, id="errors as declared"),
         pytest.param(400, CHAIN, id="fewer"),
     ],

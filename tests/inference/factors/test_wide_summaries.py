@@ -22,33 +22,12 @@ def test_a_parabola_is_found_as_it_is() -> None:
         - np.einsum("pia,iab,pib->pi", z, bend, z, optimize=True) / 2
     )
     weight = rng.uniform(0.1, 1.0, value.shape)
+    # Points without weight do not count.
+    value[:50], weight[:50] = -1e6, 0.0
     found = _parabola(z, value, weight)
     # A ridge of a millionth beside weights that add up to more than a hundred.
     for part, true in zip(found, (level, slope, bend), strict=True):
         np.testing.assert_allclose(part, true, atol=1e-6 * np.abs(bend).max())
-
-
-def test_points_without_weight_do_not_count() -> None:
-    rng = np.random.default_rng(1)
-    z = rng.standard_normal((200, 1, 2))
-    value, weight = -(z**2).sum(-1) / 2, np.ones((200, 1))
-    value[:50], weight[:50] = -1e6, 0.0
-    level, slope, bend = _parabola(z, value, weight)
-    np.testing.assert_allclose(level, 0.0, atol=1e-6)
-    np.testing.assert_allclose(slope, 0.0, atol=1e-6)
-    np.testing.assert_allclose(bend[0], np.eye(2), atol=1e-6)
-
-
-def test_a_normal_likelihood_is_its_own_summary() -> None:
-    rng = np.random.default_rng(2)
-    u = 3.0 + 0.1 * rng.standard_normal((400, 2, 3))
-    sd = np.array([0.05, 0.1, 0.2])
-    value = 7.0 - np.square((u - 3.05) / sd).sum(-1) / 2
-    centre, slope, precision, level = nearest_parabolas(u, value, np.ones((400, 2)))
-    # In units of the points a ridge of a millionth beside 400 points.
-    np.testing.assert_allclose(precision, np.broadcast_to(np.diag(sd**-2), (2, 3, 3)), atol=1e-4)
-    np.testing.assert_allclose(slope, (3.05 - centre) / sd**2, atol=1e-4)
-    np.testing.assert_allclose(level, 7.0 - np.square((centre - 3.05) / sd).sum(-1) / 2, atol=1e-6)
 
 
 def test_a_sloping_likelihood_that_opens_upwards_promises_no_more_than_is_believable() -> None:

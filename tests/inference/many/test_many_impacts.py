@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -10,26 +9,23 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue.base import padding
-from bayestissue.base.padding import bucket
 from bayestissue.inference import fit as traces
 from bayestissue.inference.chain import chain_settings, draws
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
-from bayestissue.inference.execution.chunks import in_blocks, map_impacts
+from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
 from bayestissue.inference.factors.expansions import first_guess
-from bayestissue.inference.factors.sites import laplace_sites, log_likelihoods, weak_prior
+from bayestissue.inference.factors.sites import log_likelihoods
 from bayestissue.inference.results.summary import summarise
-from bayestissue.mechanics.elements import element_names
 from bayestissue.model.hierarchy.gaussian.arrangement import arrange
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
-from bayestissue.model.hierarchy.trace_data import Prepared, prepare
+from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.model.hierarchy.trace_models import TraceData
 from bayestissue.model.likelihood.arma.displacements import displacement_record
 from bayestissue.recordings.dataset.model import Dataset
-from campaigns import binomial, simulated, spreads
+from campaigns import binomial, simulated
 from chain_of_sites import chain_of_sites
 
 COUNT = 21
@@ -106,43 +102,6 @@ def dozen() -> Dataset:
     return made.dataset("dozen")
 
 
-# Two of them by default; all in the long suite.
-MODELS = [
-    model if model in {"arma", "stiffening"} else pytest.param(model, marks=pytest.mark.long)
-    for model in ("arma", "a2", "impact", *element_names())
-]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("model", MODELS)
-def test_few_at_a_time_have_the_sites_of_all_together(dozen, monkeypatch, model) -> None:
-    """Blocks of any size: every likelihood is asked by itself, so that sites differ by rounding at most.
-
-    Blocks are filled up to the dozen, so that one compilation of a model serves both.
-    """
-    monkeypatch.setattr(padding, "bucket", lambda size: max(bucket(size), len(dozen.impacts)))
-    likelihood = model if model in {"arma", "a2"} else "impact"
-    own = {"element": model} if model in element_names() else {}
-    given = {"name": model, "likelihood": likelihood, **own}
-    made = prepare(dozen, ModelSpecification.model_validate(given), source="model")
-    start = first_guess(made)
-    loose = weak_prior(start)
-
-    def sites() -> GaussianFactor:
-        # At the first guess: a search would magnify what rounding does to its steps.
-        return map_impacts(
-            partial(laplace_sites, made.model, iterations=0), made.data, start, loose.of_each()
-        )
-
-    whole = sites()
-    monkeypatch.setattr(trace_blocks, "BLOCK", 6)
-    for one, other in zip(whole, sites(), strict=True):
-        # Log likelihoods are rounded in their twelfth digit; second differences are over steps of 0.03
-        # standard deviations, so that a curvature is known to 1e-9 / 0.03^2.
-        scale = np.abs(one).max(axis=tuple(range(1, one.ndim)), keepdims=True)
-        np.testing.assert_allclose(one / scale, other / scale, atol=1e-5)
-
-
 @pytest.mark.slow
 def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(dozen, monkeypatch) -> None:
     specification = ModelSpecification.model_validate(
@@ -174,26 +133,6 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(dozen, mo
     np.testing.assert_allclose(found.impacts["parameters"][0, 0], centre, atol=0.01)
 
 
-@pytest.fixture(scope="module")
-def prepared() -> Prepared:
-    campaign = simulated(
-        spreads(subject=0.2, impact=0.1),
-        {
-            "sampling_rate_hz": 2000.0,
-            "noise_relative_to_peak": 0.002,
-            "noise_sd_m_s2": 0.5,
-            "relative_mass_sd": 0.002,
-            "velocity_sd_m_s": 0.005,
-        },
-        people=12,
-        masses=(0.4, 0.6, 0.9, 1.3),
-        design={"repeats": 8},
-        seed=4,
-    )
-    specification = ModelSpecification(name="impact", likelihood="impact")
-    return prepare(campaign.dataset("many"), specification, source="model")
-
-
 @pytest.mark.long
 def test_of_many_impacts_some_begin_and_some_draws_are_kept(dozen, monkeypatch) -> None:
     """As of thousands: the population from six of the twelve, and every tenth draw of each."""
@@ -219,18 +158,3 @@ def test_of_many_impacts_some_begin_and_some_draws_are_kept(dozen, monkeypatch) 
     found = traces.draws_of_chain(made, chains, 1)
     np.testing.assert_array_equal(found.kept_numbers, chains.impact_draws)
     assert all(np.isfinite(values).all() for values in found.log_likelihood.values())
-
-
-@pytest.mark.long
-def test_what_is_kept_of_many_impacts_has_the_posterior_of_the_whole(prepared, monkeypatch) -> None:
-    specification = ModelSpecification(name="impact", likelihood="impact", sampler=Sampler(chains=2))
-    fit = partial(traces.fit_traces, prepared, specification, 1, lambda *_: None)
-    few = fit()
-    monkeypatch.setattr(many_kept, "FEW", len(prepared.impacts) - 1)
-    many = fit()
-    one = few.summary.set_index(["variable", "label"])
-    other = many.summary.set_index(["variable", "label"]).loc[one.index]
-    error = np.hypot(one["mcse_mean"], other["mcse_mean"])
-    distance = ((one["mean"] - other["mean"]) / error).abs()
-    # The greatest of some 3000 standard normals is beyond 5 once in 500 times.
-    assert distance.max() < 5, distance.nlargest(5)
