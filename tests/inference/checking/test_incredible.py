@@ -33,10 +33,6 @@ def _z() -> np.ndarray:
     return np.random.default_rng(5).standard_normal(COUNT)
 
 
-def test_no_pattern_without_an_alarm(z: np.ndarray) -> None:
-    assert found(z) is None
-
-
 def test_all_shifted_by_two_though_none_alone_is_incredible(z: np.ndarray) -> None:
     shifted = z + 2
     assert not alarms(shifted, GROUPS).single.any()

@@ -97,15 +97,8 @@ def test_a_group_of_the_formula_is_asked_for_as_a_group() -> None:
     assert found.term == "(1|pad)"
 
 
-@pytest.mark.parametrize("effect", [0.0, -1.0])
-def test_chance_is_noted_once_in_a_hundred_at_most(effect: float) -> None:
-    """Of 200 fits without a difference 2 at most, and 5 standard errors; three sd apart nearly all."""
-    design, count = design_of("pad", "pad", rows=rows()), 200
-    noted = sum(
-        bool(pooled_parameters(drawn(design, 10 + seed, effect), design.recorded, STIFFENING))
-        for seed in range(count)
-    )
-    if effect:
-        assert noted > 0.9 * count
-    else:
-        assert noted <= 0.01 * count + 5 * np.sqrt(0.01 * count)
+def test_chance_is_noted_once_in_a_hundred_at_most() -> None:
+    """Of 100 fits without a difference 1, and 5 standard errors."""
+    design, count = design_of("pad", "pad", rows=rows()), 100
+    found = [pooled_parameters(drawn(design, 10 + n), design.recorded, STIFFENING) for n in range(count)]
+    assert sum(map(bool, found)) <= 0.01 * count + 5 * np.sqrt(0.01 * count)

@@ -3,7 +3,6 @@ from __future__ import annotations
 import arviz as az
 import numpy as np
 import pandas as pd
-import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 from scipy.stats import norm
@@ -14,23 +13,8 @@ from bayestissue.inference.model_comparison import (
     COLUMNS,
     by_importance,
     by_trial,
-    observed_by,
-    of_same_numbers,
 )
 from bayestissue.inference.results.cross_validation import prior_sensitivity
-
-
-@pytest.mark.parametrize(
-    ("likelihood", "name"),
-    [("impact", "deceleration"), ("arma", "displacement")],
-)
-def test_runs_are_held_side_by_side_by_what_their_likelihood_is_of(likelihood: str, name: str) -> None:
-    observed = xr.Dataset({name: (("impact", "sample"), np.ones((2, 3)))})
-    tree = xr.DataTree.from_dict({"observed_data": observed})
-    model = {"likelihood": likelihood}
-    assert observed_by(model) == name
-    names = ["one", "other"]
-    assert of_same_numbers(dict.fromkeys(names, tree), dict.fromkeys(names, model)) == [names]
 
 
 def test_by_trial_figures_worked_by_hand() -> None:

@@ -112,23 +112,6 @@ def test_parts_are_those_of_brute_force(given: Prepared, u: np.ndarray) -> None:
         assert_allclose(errors.parts[name][:, 0, 0] / whole, (ends[0] - ends[1]) / 0.4 / whole, atol=0.02)
 
 
-def test_without_errors_the_noise_makes_everything(given: Prepared, u: np.ndarray) -> None:
-    errors = trace_errors(with_errors(given, np.zeros_like), u, RIDGE)
-    assert list(errors.parts) == ["noise"]
-    assert_allclose(errors.parts["noise"], errors.total)
-
-
-def test_a_doubled_standard_deviation_quadruples_its_part(given: Prepared, u: np.ndarray) -> None:
-    # So small an error that the trace itself can't tell it: from there its variance passes straight on.
-    small = with_errors(given, lambda sd: sd * np.array([0.03, 1.0, 1.0]))
-    once, twice = (
-        trace_errors(each, u, RIDGE).parts["velocity and gain"] for each in (small, scaled(small, 0, 2.0))
-    )
-    # What the trace tells of the error takes off a share in proportion to its variance: of the whole error
-    # some ten times as much as is left, and so of this one about a hundredth.
-    assert_allclose(twice[:, 0, 0] / once[:, 0, 0], 4.0, rtol=0.05)
-
-
 def drawn(given: Prepared, u: np.ndarray) -> Draws:
     """A posterior that knows the spreads."""
     rng = np.random.default_rng(1)
@@ -225,27 +208,6 @@ def test_a_mass_that_impacts_share_is_a_source_of_the_mean(monkeypatch, whose, e
         # prior of variance 9 draws a mean of variance 0.036 in by 0.4 %, and so its parts by twice that.
         assert_allclose(variance["mass"], 0.2**2 / errors, rtol=0.02)
         assert_allclose(variance["people"], 0.3**2 / PEOPLE, rtol=0.02)
-    # Of an impact, whose trace tells all but the mass: of what is left of its error by how much its prior
-    # variance makes it, and the whole.
-    code = given.mass_group
-    assert code is not None
-
-    def left(variance: float) -> float:
-        own = np.ones((len(u), 1)), given.design.subject[:, None] == range(PEOPLE)
-        block = np.hstack([*own, given.design.trial[:, None] == range(CONDITIONS)]).astype(float)
-        X = np.hstack([np.kron(np.eye(2), block), -np.tile(1.0 * (code[:, None] == range(errors)), (2, 1))])
-        of_response = [priors.sd**2, *[0.3**2] * PEOPLE, *[0.1**2] * CONDITIONS]
-        prior = np.array([*of_response, *of_response, *[variance] * errors])
-        return float(np.linalg.inv(X.T @ X / (0.05**2 + 1e-6) + np.diag(1 / prior))[-errors, -errors])
-
-    priors = given.model.priors.intercept.K
-    assert priors.sd == given.model.priors.intercept.C.sd
-    step = 1e-3
-    made = (left(0.2**2 * np.exp(step)) - left(0.2**2 * np.exp(-step))) / (2 * step)
-    of_impact = found.loc[("impact", "K")]["sd"] ** 2
-    # Differences are off by a share of the step's square; impacts are alike, and so is their median.
-    assert_allclose(of_impact["mass"], made, rtol=1e-5)
-    assert_allclose(of_impact["all"], left(0.2**2) + 1e-6, rtol=1e-3)
 
 
 def test_contact_that_the_traces_tell_is_known_but_for_a_normal_error() -> None:

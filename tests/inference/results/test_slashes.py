@@ -23,14 +23,8 @@ def test_they_are_kept_in_a_file_and_asked_of(tmp_path):
         read = tree["posterior"].to_dataset().load()
     xr.testing.assert_equal(read[list(draws)], draws)
     assert all("long_name" in read[name].attrs for name in read if "effect_of" in str(name))
-    questions = [
-        "`effect_of_I(1 / mass_kg)_K`",
-        "K[side=n/a]",
-        """K[side="n/a"] / K""",
-        "`sd_subject_effect_of_t/s_K`",
-    ]
-    answers = ask(Study(read, design.recorded), numbered(questions))
+    asked = numbered(["`effect_of_I(1 / mass_kg)_K`", 'K[side="n/a"] / K', "`sd_subject_effect_of_t/s_K`"])
+    answers = ask(Study(read, design.recorded), asked)
     assert answers["median"].notna().all()
-    np.testing.assert_allclose(
-        answers["median"][0], np.median(draws["effect_of_I(1 \N{DIVISION SLASH} mass_kg)_K"])
-    )
+    expected = np.median(draws["effect_of_I(1 \N{DIVISION SLASH} mass_kg)_K"])
+    np.testing.assert_allclose(answers["median"][0], expected)
