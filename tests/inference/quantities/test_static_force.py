@@ -88,15 +88,6 @@ def as_discrepancy(
     return given, whole(given, all_of_it - own.d, NONE)
 
 
-@pytest.mark.parametrize("off", [-1, 0, 1])
-@pytest.mark.parametrize(("name", "values"), [("stiffening", STIFF), ("kelvin_voigt", SIDE_BY_SIDE)])
-def test_without_a_discrepancy_the_secant_is_the_element_s(name, values, off) -> None:
-    true = outcomes(name, values, MASS, VELOCITY)
-    given = measured(name, values, np.asarray(true.time_to_peak), off)
-    found = whole(given, jnp.zeros_like(given.record.d), NONE)
-    np.testing.assert_allclose(found.secant, true.K_secant, rtol=TOLERANCE)
-
-
 @pytest.mark.parametrize("gravity", [None, 9.80665])
 def test_the_secant_is_that_of_element_and_discrepancy_together(gravity: float | None) -> None:
     """What spring and damper lack of a stiffening element, given as discrepancy, makes up its secant."""
@@ -151,21 +142,3 @@ def test_beside_a_discrepancy_the_law_at_one_depth_is_found_whatever_the_mass(na
     p: Any = {key: jnp.full(2, value) for key, value in values.items()}
     true = static_force(element(name), {**p, "diameter_m": NONE}, DEPTH) / DEPTH
     np.testing.assert_allclose(whole_at_common_depth(given, found, DEPTH), true, rtol=OF_DISCREPANCY)
-
-
-def test_a_damper_that_grows_with_depth_is_taken_off_as_the_element_has_it() -> None:
-    true = outcomes("hunt_crossley", BALL, MASS, VELOCITY)
-    given = measured("hunt_crossley", BALL, np.asarray(true.time_to_peak))
-    found = whole(given, jnp.zeros_like(given.record.d), NONE)
-    p: Any = {**{key: jnp.full(2, value) for key, value in BALL.items()}, "diameter_m": NONE}
-    np.testing.assert_allclose(
-        whole_at_common_depth(given, found, DEPTH),
-        at_common_depth(given.element, p, DEPTH),
-        rtol=OF_DAMPING,
-    )
-
-
-def test_an_impact_that_goes_less_deep_has_its_own_greatest_depth() -> None:
-    given, found = as_discrepancy("stiffening", STIFF)
-    at = whole_at_common_depth(given, found, 1.2 * found.peak)
-    np.testing.assert_allclose(at, found.secant, rtol=4 * EPSILON)

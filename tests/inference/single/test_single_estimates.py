@@ -103,13 +103,6 @@ def test_intervals_hold_the_truth(campaign: Campaign, table: pd.DataFrame):
             {},
             id="a short quiet part in great noise",
         ),
-        pytest.param(
-            100,
-            {"noise_relative_to_peak": 0.2, "sampling_rate_hz": 2000},
-            {},
-            id="noise of a fifth of the peak",
-            marks=pytest.mark.long,
-        ),
     ],
 )
 def test_intervals_hold_where_little_is_told(impacts: int, chain: dict, tissue: dict):
@@ -119,16 +112,16 @@ def test_intervals_hold_where_little_is_told(impacts: int, chain: dict, tissue: 
     assert (posteriors.pareto_k < k_threshold(POINTS)).mean() > 0.95
 
 
-def held_outcomes(campaign: Campaign, table: pd.DataFrame, gravity: float | None = None) -> pd.DataFrame:
+def held_outcomes(campaign: Campaign, table: pd.DataFrame) -> pd.DataFrame:
     """Whether each outcome's interval holds what the true impact came to, and how far its median is off."""
     true = campaign.truth
     motion = true["mass_kg"].to_numpy(), true["velocity_m_s"].to_numpy()
     parameters = {name: true[column].to_numpy() for name, column in COLUMNS.items()}
-    comes = outcomes("kelvin_voigt", parameters, *motion, gravity=gravity)
+    comes = outcomes("kelvin_voigt", parameters, *motion)
     column_of = {key: table[column].to_numpy() for column, key in OUTCOME_COLUMNS.items() if column in table}
     rows = {}
     # Without gravity along the motion it adds no share.
-    for name in (one for one in OUTCOMES if gravity or one != "energy_share_with_gravity"):
+    for name in (one for one in OUTCOMES if one != "energy_share_with_gravity"):
         truth = np.asarray(getattr(comes, name))
         low, median, high = (column_of[name, which] for which in ("low", "median", "high"))
         assert (low <= median).all(), name
@@ -146,13 +139,6 @@ def test_intervals_of_outcomes_hold_what_the_true_impact_came_to(campaign: Campa
     assert (table["contact_duration_never"] == 0).all()
 
 
-@pytest.mark.long
-def test_intervals_of_outcomes_along_gravity_hold_what_the_true_impact_came_to():
-    dropped = made(100, CHAIN, gravity="drop")
-    found = held_outcomes(dropped, bt.estimate(dropped.dataset("dropped")), 9.80665)
-    assert (np.abs(found.loc["held"] - 0.9) < binomial(100)).all(), found
-
-
 def test_intervals_of_recordings_cropped_at_contact_hold_whenever_the_first_sample_came(campaign: Campaign):
     """A recorder's clock knows nothing of contact: it came anywhere in the interval before the sample."""
     whole, contact = campaign.dataset("cropped"), campaign.truth["contact_time_s"].to_numpy()
@@ -166,15 +152,19 @@ def test_intervals_of_recordings_cropped_at_contact_hold_whenever_the_first_samp
     holds(table, campaign.truth, least=0.9 - binomial(len(table)))
 
 
-def test_the_row_is_that_of_one_oscillator(table: pd.DataFrame):
-    K, C, mass, omega_n = (
-        table[name].to_numpy() for name in ("K_N_per_m", "C_N_s_per_m", "mass_kg", "omega_n_rad_s")
-    )
-    np.testing.assert_allclose(mass * omega_n**2, K, rtol=1e-12)
-    np.testing.assert_allclose(2 * table["zeta"] * omega_n * mass, C, rtol=1e-12)
-    back = bt.to_continuous(table["phi1"], table["phi2"], table["theta1"], table["sampling_interval_s"])
-    np.testing.assert_allclose(back[0], omega_n, rtol=1e-6)
-    assert table["sigma_a"].isna().all()
+@pytest.mark.long
+@pytest.mark.parametrize(("lost", "limit"), [(0.1, 1.0), (0.0, 0.8), (0.0, 0.6)])
+def test_intervals_hold_and_medians_are_unbiased_where_samples_were_lost_or_clipped(lost, limit):
+    campaign = made(100, {"noise_relative_to_peak": 0.01, "sampling_rate_hz": 2000})
+    whole, random, traces = campaign.dataset("odd"), np.random.default_rng(5), []
+    for trace in whole.traces:
+        kept = random.random(len(trace.value)) >= lost
+        traces.append((trace.time_s[kept], np.minimum(trace.value, limit * trace.value.max())[kept]))
+    rows = whole.impacts.drop(columns="sampling_rate_hz")
+    table = bt.estimate(bt.dataset(rows, traces, quantity="deceleration", unit="m/s^2"))
+    holds(table, campaign.truth, least=0.9 - binomial(len(table)))
+    error = np.log(table[[*COLUMNS.values()]] / campaign.truth[[*COLUMNS.values()]])
+    assert (error.mean().abs() < 3.5 * error.std() / np.sqrt(len(table))).all()
 
 
 def test_a_headform_s_impacts_have_the_head_injury_criterion(table: pd.DataFrame):
@@ -188,19 +178,6 @@ def test_a_headform_s_impacts_have_the_head_injury_criterion(table: pd.DataFrame
         assert (found[f"{name}_high"] > true).sum() >= FEW / 2
     assert {*found} <= {*columns_of("estimates")}
     assert not any(name.startswith("HIC") for name in table)
-
-
-def test_it_says_how_far_it_is():
-    said = []
-    bt.estimate(made(FEW, QUIET).dataset("told"), say=lambda *told: said.append(told))
-    stages = list(dict.fromkeys(stage for stage, *_ in said))
-    assert stages[:3] == [
-        "each impact's first guess",
-        "each impact's most probable values",
-        "each impact's posterior, turn 1 of at most 4",
-    ]
-    counts = [done for stage, done, total in said if stage == stages[2] and total == POINTS]
-    assert counts == list(range(0, POINTS, 64))
 
 
 def test_the_mass_is_as_sure_as_the_dataset_says(campaign: Campaign):
@@ -267,42 +244,3 @@ def test_without_noise_there_are_medians_and_no_intervals():
     assert table["notes"].str.contains(NOISELESS).all()
     assert table[["K_low_N_per_m", "C_high_N_s_per_m", "K_se_N_per_m"]].isna().all(axis=None)
     assert (table["flags"] == "").all()
-
-
-def test_another_method_is_refused(campaign: Campaign):
-    with pytest.raises(ValueError, match='"impact" or "dds"'):
-        bt.estimate(campaign.dataset("single"), method="best")
-
-
-STIFF = {"K_N_per_m": 32_000.0, "C_N_s_per_m": 60.0, **spreads(impact=0.1)}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("recorder", [{"low_pass_hz": 500.0}, {"sae_class": 180}])
-def test_behind_a_declared_low_pass_intervals_hold_and_without_it_c_is_lost(recorder):
-    campaign = simulated(STIFF, people=32, masses=[0.6], seed=6, recorder=recorder)
-    data, truth = campaign.dataset("behind"), campaign.truth
-    declared, undeclared = bt.estimate(data), bt.estimate(data.with_settings(recorder=None))
-    holds(declared, truth, least=0.9 - binomial(32))
-    for name, unit in UNITS.items():
-        true = truth[f"{name}_{unit}"]
-        z = np.log(declared[f"{name}_{unit}"] / true) / (declared[f"{name}_se_{unit}"] / true)
-        assert abs(z.mean()) < 4 / np.sqrt(32)
-    assert (undeclared["C_high_N_s_per_m"] < truth["C_N_s_per_m"]).all()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    "recorder",
-    [{"sae_class": 180}, {"low_pass_hz": 500.0}, {"low_pass_hz": 1250.0, "applied": "digital"}],
-    ids=str,
-)
-def test_intervals_hold_where_noise_went_through_the_filter(recorder: dict):
-    """Nothing is said of where it entered: the quiet parts before contact tell."""
-    found = simulated(STIFF, people=80, masses=[0.6], seed=5, recorder={**recorder, "noise": "before"})
-    data = found.dataset("smooth")
-    assert data.recorder is not None
-    table = bt.estimate(data.with_settings(recorder=data.recorder.model_copy(update={"noise": None})))
-    # With the noise taken for white a quarter holds.
-    holds(table, found.truth)
-    assert (table["flags"] != "").mean() < 0.05
