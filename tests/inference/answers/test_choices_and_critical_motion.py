@@ -86,14 +86,6 @@ def test_the_velocity_up_to_which_a_claim_holds(study: Study) -> None:
     assert (beyond in row["note"]) == bool(share)
 
 
-def test_the_interval_of_a_critical_motion_is_a_limit_with_a_guard_band(study: Study) -> None:
-    critical = "critical(velocity_m_s, peak_force[side=left, mass_kg=2] < 100)"
-    low = ask(study, numbered([critical])).iloc[0]["low"]
-    claim = f"peak_force[side=left, mass_kg=2, velocity_m_s={low:.12g}] < 100"
-    share = ask(study, numbered([claim])).iloc[0]["posterior"]
-    assert share == pytest.approx(0.95, abs=1 / study.draws["intercept_K"].size)
-
-
 def test_the_height_up_to_which_a_claim_holds_at_that_height(study: Study) -> None:
     falling = replace(study, law=Law(gravity=G))
     row = ask(falling, numbered(["critical(drop_height_cm, peak_force[side=left, mass_kg=2] < 100)"])).iloc[0]
@@ -116,23 +108,11 @@ def test_a_motion_is_solved_for_in_every_draw_with_few_simulations(study: Study,
     far = falling.draws.copy()
     far["intercept_K"] = far["intercept_K"].copy()
     far["intercept_K"][0, 5], far["intercept_K"][1, 7] = 14.0, 2.0
-    for posterior, most in ((falling.draws, 10), (far, 16)):
-        simulated.clear()
-        text = f"critical(velocity_m_s, peak_force[{names}] < 100)"
-        one = replace(falling, draws=posterior)
-        V = draws_of(parse(text), one).to_numpy()
-        assert len(simulated) < most
-        force = draws_of(parse(f"peak_force[{names}]"), replace(one, velocity_m_s=V)).to_numpy()
-        np.testing.assert_allclose(force, 100, rtol=1e-5)
-
-
-def test_a_limit_between_levels_is_a_number_like_others(study: Study) -> None:
-    text = "critical(velocity_m_s, peak_force[side={}] < 100)"
-    ratio = f"{text.format('left')} / {text.format('right')}"
-    row = ask(study, numbered([ratio])).iloc[0]
-    mass = study.recorded.reference_mass_kg
-    force = peak_force(study, mass, 1.0, "left", "right")
-    assert row["median"] == pytest.approx(np.median(force[:, 1] / force[:, 0]), rel=1e-8)
+    one = replace(falling, draws=far)
+    V = draws_of(parse(f"critical(velocity_m_s, peak_force[{names}] < 100)"), one).to_numpy()
+    assert len(simulated) < 16
+    force = draws_of(parse(f"peak_force[{names}]"), replace(one, velocity_m_s=V)).to_numpy()
+    np.testing.assert_allclose(force, 100, rtol=1e-5)
 
 
 def test_what_always_or_never_holds(study: Study) -> None:

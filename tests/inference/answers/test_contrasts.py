@@ -150,43 +150,6 @@ def test_a_persons_before_and_after_is_of_the_persons_group_and_visits() -> None
         assert own[f"{person}:after", f"{person}:before"]["kind"] == "combinations"
 
 
-@pytest.mark.slow
-def test_of_three_columns_the_change_of_the_treated_stands_at_each_side() -> None:
-    cells = [
-        (f"s{p}", group, session, side)
-        for p, group in enumerate(["treated", "control"] * 2)
-        for session in ("before", "after")
-        for side in ("operated", "sound")
-    ]
-    rows = pd.DataFrame(cells, columns=["subject", "group", "session", "side"])
-    rows = rows.assign(trial="t", mass_kg=0.5, impact=range(len(rows)))
-    of = recorded("group*side*session", rows)
-    draws = xr.Dataset({"intercept_K": (("chain", "draw"), np.full((1, 5), 7.0))})
-    rng = np.random.default_rng(1)
-    for name in of.response("K").evaluated.at(of.rows)[0]:
-        draws[f"effect_of_{name}_K"] = (("chain", "draw"), rng.standard_normal((1, 5)))
-    found = contrasts(draws.assign_coords(chain=[0], draw=range(5)), of, ["K"], 0.1)
-    first = found[found["kind"] == "interaction"].head(2)
-    assert first["factor"].tolist() == ["group:session:side"] * 2
-    assert first["level"].tolist() == ["treated:after/before:operated", "treated:after/before:sound"]
-    asked = "K[session=after over before, group=treated over control, side={}]"
-    for side, ratio in zip(["operated", "sound"], first["ratio"], strict=True):
-        assert_allclose(ratio, np.median(draws_at(parse(asked.format(side)), Study(draws, of))))
-
-
-def test_an_interaction_is_a_contrast_and_has_a_short_form() -> None:
-    known, draws, _ = clinic()
-    table = contrasts(draws, known, ["K"], 0.1)
-    (((level, against), row),) = rows_of(table, "group:session").items()
-    assert (level, against, row["kind"]) == ("treated:after/before", "control:after/before", "interaction")
-    assert np.log(row["ratio"]) == pytest.approx(0.2)
-    short = "log(K[group=treated over control, session=after over before])"
-    assert_allclose(draws_at(parse(short), Study(draws, known)), 0.2)
-    # A reference stands below, and all of an average is of equal weight.
-    assert np.log(rows_of(table, "session")["after", "before"]["ratio"]) == pytest.approx(-0.04 + 0.1)
-    assert np.log(rows_of(table, "group")["treated", "control"]["ratio"]) == pytest.approx(0.05 - 0.1)
-
-
 def test_what_changes_with_a_factor_is_noted_whether_a_formula_has_it_or_not() -> None:
     known, draws, _ = clinic()
     table = contrasts(draws, known, ["K"], 0.1)

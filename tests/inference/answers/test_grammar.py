@@ -76,12 +76,9 @@ def test_a_slip_has_its_place(text: str, place: int) -> None:
     "text",
     [
         "K" * 1_000_000,
-        "9" * LONGEST,
         "(" * (LONGEST - 1) + "K",
         "(" * 900 + "K" + ")" * 900 + ")",
         "-" * (LONGEST - 1) + "K",
-        "abs(" * 300 + "K" + ")" * 300,
-        "not " * 400 + "K > 1",
         "K" + "^2" * 900,
         "K[" + "a=b," * 400 + "]",
     ],
@@ -110,25 +107,6 @@ def test_any_text_is_read_or_refused_with_a_place(text: str) -> None:
     assert all(0 <= place <= len(text) for place in places)
 
 
-def _sums() -> st.SearchStrategy[str]:
-    leaves = st.sampled_from(["a", "b", "2", "0.5"])
-    return st.recursive(
-        leaves,
-        lambda inner: (
-            st.tuples(inner, st.sampled_from("+-*"), inner).map(lambda t: f"({t[0]} {t[1]} {t[2]})")
-            | inner.map(lambda t: f"abs({t})")
-        ),
-        max_leaves=8,
-    )
-
-
-@settings(max_examples=60, deadline=None)
-@given(_sums(), _sums())
-def test_arithmetic_is_as_numpy_has_it(left: str, right: str) -> None:
-    expected = eval(f"{left} - {right}", {"__builtins__": {}}, {"a": A, "b": B, "abs": np.abs})  # noqa: S307
-    np.testing.assert_allclose(worth(f"{left} - {right}"), np.broadcast_to(expected, A.shape))
-
-
 @pytest.mark.parametrize(("short", "long"), cases(__file__, "same"))
 def test_two_levels_with_over_are_a_ratio_and_of_two_columns_a_ratio_of_ratios(short: str, long: str) -> None:
     assert text(parse(short)) == text(parse(long))
@@ -139,9 +117,6 @@ def test_levels_with_over_that_can_not_be_are_refused() -> None:
         parse("K[a=p over q, a=p]")
     with pytest.raises(QuestionError, match="at most 4"):
         parse(f"K[{', '.join(f'a{n}=p over q' for n in range(60))}]")
-    for slip in ("K[a=p over]", "K[a over p]", "K[a=p over q over r]"):
-        with pytest.raises(QuestionError):
-            parse(slip)
 
 
 def text(node: Node) -> str:

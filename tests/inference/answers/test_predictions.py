@@ -25,7 +25,6 @@ from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
 from bayestissue.mechanics.elements import outcomes
-from bayestissue.mechanics.oscillator.contact_path import peak_displacement, time_to_peak
 from make_fit_run import make_fit_run
 
 AT = pd.DataFrame(
@@ -42,7 +41,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Fit:
     return read_run(make_fit_run(tmp_path_factory.mktemp("predicted") / "run"))
 
 
-def sure(run: Fit, gravity: float = 0.0, **sd: float) -> Study:
+def sure(run: Fit, **sd: float) -> Study:
     """The run with these standard deviations in place of its own, conditions and exponents without effect."""
     posterior = run.posterior["posterior"].to_dataset().copy()
     named = {"sd_impact_K": 0.0, "sd_impact_C": 0.0, "sd_subject_K": 0.0, "sd_subject_C": 0.0}
@@ -50,8 +49,6 @@ def sure(run: Fit, gravity: float = 0.0, **sd: float) -> Study:
     for name, value in named.items():
         posterior[name] = xr.full_like(posterior[name], value)
     constants = run.posterior["constant_data"].to_dataset()
-    if gravity:
-        constants["gravity_m_s2"] = gravity
     groups = {"posterior": posterior, "constant_data": constants}
     return Study.from_tree(xr.DataTree.from_dict(groups), run.about["model"])
 
@@ -71,44 +68,14 @@ def test_a_row_of_empty_cells_is_a_row_of_a_file(run: Fit, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gravity", [0.0, 9.80665])
-def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Fit, gravity: float) -> None:
-    finished = sure(run, gravity)
-    table = predict(finished, read_conditions(AT, finished))
-    draws, M = finished.draws, finished.recorded.reference_mass_kg
-    for place, (effect, mass, velocity) in enumerate([("s1", 0.7, 1.5), (None, 1.1, 2.0), (None, M, 1.5)]):
-        log = {q: draws[f"intercept_{q}"] for q in "KC"}
-        if effect:
-            log = {q: log[q] + draws[f"subject_effect_{q}"].sel(subject=effect) for q in "KC"}
-        K, C = (np.exp(log[q]).to_numpy() for q in "KC")
-        omega_n, zeta = np.sqrt(K / mass), C / (2 * np.sqrt(K * mass))
-        expected = {
-            "K_N_per_m": K,
-            "C_N_s_per_m": C,
-            "peak_displacement_m": peak_displacement(omega_n, zeta, velocity, gravity),
-            "time_to_peak_s": time_to_peak(omega_n, zeta, velocity, gravity),
-        }
-        for name, values in expected.items():
-            ends = np.quantile(values, [0.5, 0.05, 0.95])
-            found = table.loc[place, [name, f"{name}_low", f"{name}_high"]].to_numpy(float)
-            assert found == pytest.approx(ends, rel=1e-7), (place, name)
-    assert table["new"].tolist() == ["trial", "subject, trial", "subject, trial"]
-    assert "velocity_m_s beyond those measured" in table["note"][1]
-
-
-@pytest.mark.slow
 def test_a_headform_has_the_head_injury_criterion_too(run: Fit) -> None:
     plain = sure(run)
     headform = replace(plain, law=replace(plain.law, headform=True))
     at = {"subject": "s1", "mass_kg": 4.6, "velocity_m_s": 3.0}
     table = predict(headform, [at])
-    K, C = (
-        np.exp(plain.draws[f"intercept_{q}"] + plain.draws[f"subject_effect_{q}"].sel(subject="s1"))
-        for q in "KC"
-    )
-    made = outcomes(
-        "kelvin_voigt", {"K": K.to_numpy().ravel(), "C": C.to_numpy().ravel()}, 4.6, 3.0, headform=True
-    )
+    of = plain.draws.sel(subject="s1")
+    p = {q: np.exp(of[f"intercept_{q}"] + of[f"subject_effect_{q}"]).to_numpy().ravel() for q in "KC"}
+    made = outcomes("kelvin_voigt", p, 4.6, 3.0, headform=True)
     for name in ("HIC15", "HIC36"):
         assert table[name][0] == pytest.approx(np.median(getattr(made, name)), rel=1e-9)
     asked = "HIC15[subject=s1, mass_kg=4.6, velocity_m_s=3]"
@@ -116,16 +83,6 @@ def test_a_headform_has_the_head_injury_criterion_too(run: Fit) -> None:
     assert not any(name.startswith("HIC") for name in predict(plain, [at]))
     with pytest.raises(InputError, match=r"headform = true in the table \[impactor\]"):
         ask(plain, numbered([asked]))
-
-
-@pytest.mark.slow
-def test_a_new_impact_scatters_and_a_new_person_does_besides(run: Fit) -> None:
-    finished = sure(run, sd_impact_K=0.2, sd_subject_K=0.5)
-    table = predict(finished, read_conditions(AT, finished))
-    width = np.log(table["K_N_per_m_high"] / table["K_N_per_m_low"]) / 2 / 1.645
-    # The posterior's own spread of the intercept is 0.05; quantiles of 200 draws tell a sd to 9 %.
-    assert width[0] == pytest.approx(np.hypot(0.2, 0.054), rel=0.3)
-    assert width[1] == pytest.approx(np.hypot(0.5, 0.206), rel=0.3)
 
 
 def test_beside_a_discrepancy_there_are_no_peaks(run: Fit) -> None:
@@ -139,14 +96,8 @@ def test_beside_a_discrepancy_there_are_no_peaks(run: Fit) -> None:
     posterior = finished.draws.assign(K_secant_of_impacts=finished.draws["K_new"])
     alone = Study(posterior, finished.recorded, Law(described=False))
     assert predict(alone, [{"mass_kg": 1.0}])["note"][0] == f"{ELEMENT_ALONE}; {NO_LAW}"
-    asked = [
-        "K[subject=s1] > 1",
-        "K_new",
-        "K[impact=t0-s0]",
-        "mass_exponent_K > 0",
-        "C",
-        "K_secant_of_impacts",
-    ]
+    asked = ["K[subject=s1] > 1", "K_new", "K[impact=t0-s0]", "mass_exponent_K > 0"]
+    asked += ["C", "K_secant_of_impacts"]
     notes = ask(alone, numbered(asked))["note"]
     assert notes.str.contains(ELEMENT_ALONE, regex=False).tolist() == [True] * 4 + [False] * 2
     assert not ask(without, numbered(asked[:4]))["note"].str.contains(ELEMENT_ALONE, regex=False).any()
@@ -180,11 +131,10 @@ def test_the_caller_may_compute_in_float32(run: Fit) -> None:
     assert table["peak_force_N"].iloc[0] == pytest.approx(run.predict(AT.iloc[:1])["peak_force_N"].iloc[0])
 
 
-@pytest.mark.parametrize("place", ["file/joint.nc", "file/deeper/joint.parquet"])
-def test_a_place_that_cant_be_written_is_refused(run: Fit, tmp_path: Path, place: str) -> None:
+def test_a_place_that_cant_be_written_is_refused(run: Fit, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="can be made and written"):
-        run.predict(AT, draws=tmp_path / place)
+        run.predict(AT, draws=tmp_path / "file" / "joint.nc")
 
 
 def test_a_long_table_is_predicted_in_blocks(run: Fit, monkeypatch: pytest.MonkeyPatch) -> None:

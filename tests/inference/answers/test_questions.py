@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import arviz as az
 import numpy as np
@@ -26,7 +25,6 @@ def draws(run: Fit) -> xr.Dataset:
     return run.posterior["posterior"].dataset
 
 
-@pytest.mark.slow
 def test_a_claim_has_probability_prior_bayes_factor_and_error(run: Fit, draws: xr.Dataset) -> None:
     row = run.ask("K[subject=s1] / K[subject=s2] > 0.9").iloc[0]
     prior = run.posterior["prior"].dataset
@@ -41,14 +39,6 @@ def test_a_claim_has_probability_prior_bayes_factor_and_error(run: Fit, draws: x
     assert row["bayes_factor"] == pytest.approx(p / (1 - p) / (p_0 / (1 - p_0)))
     assert row["mcse"] == pytest.approx(float(az.mcse(true(draws).astype(float))), rel=1e-6)
     assert (row["draws"], row["prior_draws"]) == (200, 300)
-
-
-def test_reliability_has_a_prior_and_a_bayes_factor(run: Fit, draws: xr.Dataset) -> None:
-    middle = float(draws["ICC_A1_K"].median())
-    row = run.ask(f"ICC_A1_K > {middle}").iloc[0]
-    prior = float((run.posterior["prior"]["ICC_A1_K"] > middle).mean())
-    assert row["prior"] == pytest.approx(prior)
-    assert row["bayes_factor"] == pytest.approx((1 - prior) / prior)
 
 
 def test_a_number_that_the_data_leave_as_it_was_says_so(run: Fit) -> None:
@@ -128,12 +118,3 @@ def test_a_model_files_question_without_an_answer_says_why(run: Fit) -> None:
     assert "K_strange" in table["note"][1]
     with pytest.raises(InputError, match=r"m.toml, questions.b, column 1"):
         ask(run.study, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
-
-
-def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"run.json"):
-        read_run(tmp_path)
-    folder = make_fit_run(tmp_path / "run")
-    (folder / "posterior.nc").write_bytes(b"nothing")
-    with pytest.raises(InputError, match=r"posterior.nc"):
-        read_run(folder)
