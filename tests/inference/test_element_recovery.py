@@ -12,15 +12,15 @@ from bayestissue.base import resources
 from bayestissue.base.errors import InputError
 from bayestissue.inference.checking.model_form import misfit_precheck
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.fit import draws_of_chain, fit_traces, sample
+from bayestissue.inference.fit import fit_traces
 from bayestissue.inference.quantities.whole import static_force
 from bayestissue.mechanics.elements import element, element_names, outcomes
 from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.mechanics.elements.outcomes import OUTCOMES
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler, read_specification
-from bayestissue.model.hierarchy.trace_data import Prepared, prepare, with_discrepancy
+from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.studies.simulation import Campaign
-from campaigns import COLUMNS, RECORDER, holds, simulated, spreads
+from campaigns import COLUMNS, RECORDER, simulated, spreads
 
 TISSUE: dict[str, dict[str, Any]] = {
     "maxwell": {"C_N_s_per_m": 120.0},
@@ -86,17 +86,6 @@ def test_fit_holds_the_truth(name: str) -> None:
         assert ((low <= force / depth) & (force / depth <= high)).sum() >= 10
         quantities = set(analysis.tables["hypotheses"]["quantity"])
         assert quantities == {"K", "C", "K_common_depth", "K_secant"}
-        names = set(analysis.summary["variable"])
-        assert {name for name in names if name.startswith("mass_exponent")} == {
-            f"mass_exponent_{q}" for q in quantities
-        }
-
-
-def test_model_files_name_what_an_element_has() -> None:
-    found = read_specification(resources.shared("models", "wall.toml"))
-    assert found.element == "wall"
-    assert set(found.priors.element) == {"thickness_m"}
-    assert ModelSpecification(name="m", likelihood="impact").element == "kelvin_voigt"
 
 
 def test_elements_and_priors_that_do_not_exist_are_refused(tmp_path) -> None:
@@ -112,20 +101,6 @@ def test_elements_and_priors_that_do_not_exist_are_refused(tmp_path) -> None:
             read_specification(path)
 
 
-@LONG
-@pytest.mark.parametrize("name", ["stiffening", "wall"])
-def test_a_tissue_without_what_the_element_has_more_leaves_that_open(name: str) -> None:
-    """Of a spring and damper K is found all the same, and the element's own parameter is only bounded."""
-    made = campaign("kelvin_voigt")
-    given, specification = prepared(name, made)
-    sampler = specification.sampler
-    chains = sample(given, sampler, 0)
-    assert chains.verdict.passed
-    found = draws_of_chain(given, chains.thinned(sampler.draws), 0)
-    # Twelve independent impacts: fewer than eight held has a probability of 0.004.
-    holds(found.impacts, made.truth, "K", least=8 / 12)
-
-
 @pytest.mark.slow
 def test_a_wrong_element_is_plain_before_any_chain_and_the_right_one_is_not() -> None:
     made = campaign("kelvin_voigt")
@@ -136,12 +111,3 @@ def test_a_wrong_element_is_plain_before_any_chain_and_the_right_one_is_not() ->
     assert found is not None
     assert found["structured"]
     assert found["score"] > 8
-
-
-@LONG
-@pytest.mark.parametrize("tissue", ["kelvin_voigt", "stiffening"])
-def test_an_element_that_the_tissue_is_not_passes_beside_a_discrepancy(tissue: str) -> None:
-    made = campaign(tissue)
-    given, specification = prepared("maxwell", made)
-    wider = with_discrepancy(made.dataset("maxwell"), specification, given)
-    assert sample(wider, specification.sampler, 0).verdict.passed
