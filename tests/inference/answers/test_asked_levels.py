@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -36,10 +35,6 @@ def study() -> Study:
 def answered(study: Study, question: str) -> dict[str, Any]:
     (row,) = ask(study, numbered([question])).to_dict("records")
     return row
-
-
-def three(row: Mapping[str, Any]) -> list[float]:
-    return [row[name] for name in ("low", "median", "high")]
 
 
 @pytest.mark.parametrize(("question", "why"), cases(__file__, "refused"))
@@ -150,7 +145,7 @@ def test_an_outcome_at_levels_is_that_of_their_K_and_C(study: Study) -> None:
     K, C = K_and_C(study, side="left")
     force = outcomes("kelvin_voigt", {"K": K, "C": C}, 5.0, 2.0).peak_force
     row = answered(study, "peak_force[side=left, mass_kg=5, velocity_m_s=2]")
-    assert_allclose(three(row), np.quantile(force, [0.05, 0.5, 0.95]))
+    assert_allclose([row["low"], row["median"], row["high"]], np.quantile(force, [0.05, 0.5, 0.95]))
     assert row["unit"] == "N"
     claim = answered(study, f"peak_force[side=left, mass_kg=5, velocity_m_s=2] < {np.median(force)}")
     assert claim["posterior"] == 0.5

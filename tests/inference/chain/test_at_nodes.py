@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +12,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bayestissue.base.padding import padded_impacts
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.studies.fitting import resolve
 from campaigns import simulated, spreads
@@ -26,19 +24,13 @@ RECORDING = {
 }
 
 
-def prepared(**model: Any) -> Prepared:
+def prepared() -> Prepared:
     """Three people hit by three masses, at 5 kHz: more than twice as many samples as nodes."""
     made = simulated(spreads(subject=0.2), RECORDING, people=3, masses=(0.5, 0.8, 1.2), seed=5)
-    content = {"likelihood": "impact", "formula": {"K": "(1|subject)", "C": "(1|subject)"}, **model}
-    specification, source = resolve(content)
+    specification, source = resolve(
+        {"likelihood": "impact", "formula": {"K": "(1|subject)", "C": "(1|subject)"}}
+    )
     return prepare(made.dataset("small"), specification, source=source)
-
-
-def begun(**model: Any) -> tuple[Target, GaussianFactor]:
-    """The posterior, and the sites of its traces."""
-    made = prepared(**model)
-    sites = padded_impacts(expanded(made))
-    return Target.from_prepared(made), GaussianFactor(*(jnp.asarray(leaf)[None] for leaf in sites))
 
 
 @jax.jit
@@ -47,9 +39,10 @@ def log_likelihood(target: Target, u: jax.Array) -> jax.Array:
 
 
 def test_one_trace_that_is_not_within_the_bound_has_all_asked_of_all_samples() -> None:
-    target, sites = begun()
+    made = prepared()
+    target, u = Target.from_prepared(made), jnp.asarray(padded_impacts(expanded(made)).centre).T
     assert target.compressed is not None
-    plain, u = replace(target, compressed=None), sites.centre[0].T
+    plain = replace(target, compressed=None)
     # Traces that are not the recorded ones, so that it shows which are asked.
     others = replace(target, compressed=target.compressed._replace(left=target.compressed.left + 1e3))
     exact = log_likelihood(plain, u)

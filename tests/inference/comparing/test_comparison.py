@@ -29,9 +29,6 @@ def test_by_trial_figures_worked_by_hand() -> None:
     assert_allclose(table["elpd_difference"], [0, -3])
     assert_allclose(table["se_difference"], [0, np.sqrt(3)])
     assert table["warning"].str.contains("3 trials only").all()
-
-
-def test_thirty_trials_carry_no_warning() -> None:
     assert not by_trial({"one": np.linspace(-2, -1, 30)})["warning"].any()
 
 

@@ -19,7 +19,7 @@ from bayestissue.inference.factors.sites import POINTS, densities_at, log_likeli
 from bayestissue.model.hierarchy import population
 from bayestissue.model.hierarchy.gaussian import arrangement
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset import Dataset
 from campaigns import simulated, spreads
@@ -41,9 +41,7 @@ def campaign(
 
 @pytest.fixture(scope="module")
 def specification() -> ModelSpecification:
-    return ModelSpecification(
-        name="impact", likelihood="impact", sampler=Sampler(chains=2, draws=100, transitions=100)
-    )
+    return ModelSpecification(name="impact", likelihood="impact")
 
 
 @pytest.fixture(scope="module")

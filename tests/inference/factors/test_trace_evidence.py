@@ -95,3 +95,13 @@ def test_an_impact_s_density_is_its_likelihood_integrated_over_the_population(ma
         weight = np.exp(value - direct)
         error = weight.std(0) / np.sqrt(len(u))
         assert (np.abs(direct - scores[draw]) < 5 * error).all()
+
+
+def test_an_impact_without_a_density_takes_only_its_own_groups(made: Prepared, chains: ChainDraws) -> None:
+    ratio = np.zeros((DRAWS, 6))
+    whole = scored(made, chains, chains.sites, ratio)
+    ratio[:, 0] = -np.inf
+    without = scored(made, chains, chains.sites, ratio)
+    expected = whole["traces_of_subject"].copy()
+    expected[:, made.design.groupings["subject"].code[0]] = -np.inf
+    np.testing.assert_array_equal(without["traces_of_subject"], expected)

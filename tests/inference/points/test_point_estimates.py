@@ -9,12 +9,10 @@ import pandas as pd
 import pytest
 
 import bayestissue as bt
-from bayestissue.base.resources import shared
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.points.point_fit import PointFit, fit_points
 from bayestissue.mechanics.oscillator import impact_motion, spring_damper_inverse, time_to_peak
 from bayestissue.recordings.dataset import Dataset, Trace
-from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.recordings.signal import SignalOptions, displacements
 from dataset_bench import settings_of
 
@@ -41,7 +39,6 @@ def recorded(
     noise: float = 0.0,
     before: float = 30.37,
     after: float = 0.3,
-    uncertainty: Uncertainty | None = None,
     **columns: object,
 ) -> Dataset:
     """Decelerations from ``before`` intervals before contact to ``after`` times to peak past the peak."""
@@ -56,7 +53,7 @@ def recorded(
     d += noise * d.max(1, keepdims=True) * np.random.default_rng(0).normal(size=d.shape)
     impacts = pd.DataFrame({"impact": [f"i{i}" for i in range(len(K))], "subject": "s", "trial": "t"})
     impacts = impacts.assign(mass_kg=mass, velocity_m_s=1.5, **columns)
-    settings = settings_of(quantity="deceleration", uncertainty=uncertainty)
+    settings = settings_of(quantity="deceleration")
     return Dataset(settings, impacts, [Trace(time, row) for row in d])
 
 
@@ -71,7 +68,7 @@ def alike(count: int, mass: object = 0.5, rate: float = 1e4, noise: float = 0.00
 @pytest.mark.parametrize("rate", [2e3, pytest.param(1e4, marks=pytest.mark.long), 5e4])
 @pytest.mark.parametrize(
     ("before", "after"),
-    [(30.0, 0.3), (30.2, 0.3), (30.37, 0.3), (30.6, 0.3), (30.95, 0.3), (30.37, 0.0), (0.0, 0.0)],
+    [(30.0, 0.3), (30.37, 0.3), (30.95, 0.3), (30.37, 0.0), (0.0, 0.0)],
 )
 def test_noise_free_decelerations_give_back_stiffness_and_damping(rate, before, after) -> None:
     masses, ratios = [0.1, 0.375, 1.0, 5.0], [0.02, 0.05, 0.2, 0.5, 0.75, 1.0, 1.5, 2.0]
@@ -102,13 +99,6 @@ def test_without_a_quiet_part_the_offset_is_a_note() -> None:
     table = thesis(alike(2, before=2.5))
     assert list(table["flags"]) == ["", ""]
     assert all("no quiet part" in note for note in table["notes"])
-
-
-@pytest.mark.slow
-def test_the_example_is_not_flagged() -> None:
-    table = bt.estimate(bt.read_dataset(shared("data", "example")))
-    # At a false alarm rate of 0.02 an impact, more than 8 of 90 come up once in a thousand campaigns.
-    assert (table["flags"] != "").sum() <= 8
 
 
 def test_a_window_too_short_to_fit_has_a_row_without_numbers() -> None:

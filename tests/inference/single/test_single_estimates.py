@@ -152,6 +152,14 @@ def test_intervals_of_recordings_cropped_at_contact_hold_whenever_the_first_samp
     holds(table, campaign.truth, least=0.9 - binomial(len(table)))
 
 
+def test_the_row_is_that_of_one_oscillator(table: pd.DataFrame):
+    mass, omega_n = table["mass_kg"], table["omega_n_rad_s"]
+    np.testing.assert_allclose(mass * omega_n**2, table["K_N_per_m"], rtol=1e-12)
+    np.testing.assert_allclose(2 * table["zeta"] * omega_n * mass, table["C_N_s_per_m"], rtol=1e-12)
+    back = bt.to_continuous(table["phi1"], table["phi2"], table["theta1"], table["sampling_interval_s"])
+    np.testing.assert_allclose(back[0], omega_n, rtol=1e-6)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("lost", "limit"), [(0.1, 1.0), (0.0, 0.8), (0.0, 0.6)])
 def test_intervals_hold_and_medians_are_unbiased_where_samples_were_lost_or_clipped(lost, limit):
