@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import ctypes
 import io
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
-from xml.sax.saxutils import escape
 
 import ezc3d
 import numpy as np
+import xlsxwriter
 
 
 def lvm(
@@ -72,10 +71,7 @@ def lvm(
             body.append("\t".join(cells))
         else:
             body.append("\t".join([first, *cells]))
-    text = "\n".join([*head, *body]) + "\n"
-    path.write_text(
-        "\n".join([*head, *(row.replace(".", decimal) for row in body)]) + "\n" if decimal != "." else text
-    )
+    path.write_text("\n".join([*head, *(row.replace(".", decimal) for row in body)]) + "\n")
 
 
 def c3d(
@@ -127,52 +123,21 @@ class Styled(NamedTuple):
 
 
 def workbook(path: Path, sheets: dict[str, list[list[object]]], *, hidden: tuple[str, ...] = ()) -> None:
-    """An Excel workbook by hand: numbers as numbers, the rest as text; some sheets are ``hidden``."""
-    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
-    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-    package = "http://schemas.openxmlformats.org/package/2006"
-
-    def cell(value: object) -> str:
-        if isinstance(value, Styled):
-            return f'<c s="{value.style}"><v>{value.number!r}</v></c>'
-        if isinstance(value, float | int):
-            return f"<c><v>{value!r}</v></c>"
-        return f'<c t="inlineStr"><is><t>{escape(str(value))}</t></is></c>'
-
-    def state(name: str) -> str:
-        return ' state="hidden"' if name in hidden else ""
-
-    listed = "".join(
-        f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"{state(name)}/>' for n, name in enumerate(sheets, 1)
-    )
-    related = "".join(
-        f'<Relationship Id="rId{n}" Type="{office}/worksheet" Target="worksheets/sheet{n}.xml"/>'
-        for n in range(1, len(sheets) + 1)
-    )
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        file.writestr("[Content_Types].xml", f'<Types xmlns="{package}/content-types"/>')
-        root = f'<Relationship Id="rId1" Type="{office}/officeDocument" Target="xl/workbook.xml"/>'
-        file.writestr("_rels/.rels", f'<Relationships xmlns="{package}/relationships">{root}</Relationships>')
-        file.writestr(
-            "xl/workbook.xml",
-            f'<workbook xmlns="{main}" xmlns:r="{office}"><sheets>{listed}</sheets></workbook>',
-        )
-        file.writestr(
-            "xl/_rels/workbook.xml.rels",
-            f'<Relationships xmlns="{package}/relationships">{related}</Relationships>',
-        )
-        formats = "".join(
-            f'<numFmt numFmtId="{170 + n}" formatCode="{text}"/>' for n, text in enumerate(STYLES)
-        )
-        cells = "".join(f'<xf numFmtId="{number}"/>' for number in (0, *range(170, 170 + len(STYLES))))
-        file.writestr(
-            "xl/styles.xml",
-            f'<styleSheet xmlns="{main}"><numFmts>{formats}</numFmts><cellXfs>{cells}</cellXfs></styleSheet>',
-        )
-        for n, rows in enumerate(sheets.values(), 1):
-            body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
-            text = f'<worksheet xmlns="{main}"><sheetData>{body}</sheetData></worksheet>'
-            file.writestr(f"xl/worksheets/sheet{n}.xml", text)
+    """An Excel workbook: numbers as numbers, the rest as text; some sheets are ``hidden``."""
+    with xlsxwriter.Workbook(path) as book:
+        styles = [book.add_format({"num_format": style}) for style in STYLES]
+        for name, rows in sheets.items():
+            sheet = book.add_worksheet(name)
+            if name in hidden:
+                sheet.hide()
+            for place in ((n, k) for n, row in enumerate(rows) for k in range(len(row))):
+                value = rows[place[0]][place[1]]
+                if isinstance(value, Styled):
+                    sheet.write_number(*place, value.number, styles[value.style - 1])
+                elif isinstance(value, float | int):
+                    sheet.write_number(*place, value)
+                else:
+                    sheet.write_string(*place, str(value))
 
 
 def acq(path: Path, channels: Mapping[str, np.ndarray], rate: float, units: Mapping[str, str]) -> None:
