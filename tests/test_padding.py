@@ -27,11 +27,8 @@ def test_what_is_added_is_the_first_once_more_or_nothing(impacts: int) -> None:
     assert copied.shape == (2, bucket(impacts), 33)
     assert_array_equal(copied[:, :impacts], values)
     assert_array_equal(copied[:, impacts:], np.repeat(values[:, :1], more, axis=1))
+    assert padded_impacts(np.ones((2, 1, 3)), 1).shape == (2, 1, 3)
     (summed,) = padded_zeros((values,), -1)
     assert summed.shape == (2, impacts, bucket(33))
     assert_array_equal(summed[..., :33], values)
     assert_array_equal(summed[..., 33:], 0)
-
-
-def test_an_axis_of_one_that_broadcasts_stays_so() -> None:
-    assert padded_impacts(np.ones((2, 1, 3)), 1).shape == (2, 1, 3)

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import ast
 import os
-import re
 import subprocess
 import sys
 import zipfile
 from email import message_from_bytes
 from email.message import Message
-from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-# Of declared libraries, which come with these and hand out what is in them.
-PARTS = {"arviz_stats", "markupsafe"}
 
 
 def call(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -71,20 +66,3 @@ def test_the_wheel_has_the_version_of_the_citation(wheel: Path) -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {version}\n" in citation
     assert f"\n## [{version}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-
-
-def test_every_library_that_the_program_imports_is_declared(wheel: Path) -> None:
-    required = metadata(wheel).get_all("Requires-Dist", [])
-    declared = {normal(re.split(r"[^\w.-]", requirement)[0]) for requirement in required}
-    files = [path for path in sources() if path.suffix == ".py"]
-    nodes = [node for path in files for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
-    named = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
-    named += [str(node.module) for node in nodes if isinstance(node, ast.ImportFrom)]
-    imported = {name.split(".")[0] for name in named} - sys.stdlib_module_names - {"bayestissue", *PARTS}
-    providers = packages_distributions()
-    assert {name for name in imported if not declared & {*map(normal, providers[name])}} == set()
-
-
-def normal(name: str) -> str:
-    """A package's name as names are compared."""
-    return re.sub(r"[-_.]+", "-", name).lower()

@@ -132,24 +132,6 @@ def test_every_figure_of_the_explanations_is_one_that_their_script_makes() -> No
     assert shown == made == {path.stem for path in (folder / "figures").glob("*.svg")}
 
 
-def test_the_page_on_reading_a_report_has_every_part_and_answer_of_one() -> None:
-    page = (DOCS / "how-to" / "read-a-report.md").read_text(encoding="utf-8")
-    answers, parts = page.split("## The answers")[1].split("## The parts below")
-    template = ROOT / "src" / "bayestissue" / "reports" / "pages" / "templates" / "fit.html"
-    asked = re.findall(r'<h2 id="answer-\w+">(.*?)</h2>', template.read_text(encoding="utf-8"))
-    # Of a question that names a factor, with everything in it and the factor that the page's example has.
-    asked = [re.sub(r"{{.*?}}", "pad", re.sub(r"{%.*?%}", "", question)) for question in asked]
-    assert first_cells(answers) == list(dict.fromkeys(asked))
-    report = (ROOT / "docs" / "reports" / "example" / "report.html").read_text(encoding="utf-8")
-    links = report.split('<nav aria-label="Contents">')[1].split("</nav>")[0]
-    assert first_cells(parts) == re.findall(r"<a [^>]*>(.*?)</a>", links)
-
-
-def first_cells(text: str) -> list[str]:
-    """The first cell of each row of a table, its head left out."""
-    return re.findall(r"^\| (.+?) \|", text, re.MULTILINE)[1:]
-
-
 def test_commands_of_the_explanations_have_options_that_the_program_knows() -> None:
     for page in (DOCS / "explanation").glob("*.md"):
         for block in blocks(page.read_text(encoding="utf-8")):

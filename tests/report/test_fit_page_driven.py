@@ -141,20 +141,6 @@ PICTURES = "[...document.querySelectorAll('.pictures figure svg.marks')]"
 
 
 @needs_browser
-def test_a_key_turns_the_first_screen_from_k_to_c(tab, page) -> None:
-    tab.open(page)
-    tab.until(f"{CHARTS}.slice(0, 4){EACH_IS_DRAWN}")
-    tab.tab_to("document.activeElement.id === 'show-K'")
-    tab.key("ArrowRight")
-    shown = "[...document.querySelectorAll('.pictures figure')].filter(one => one.clientWidth)"
-    assert tab.js(f"{shown}.map(one => one.className)") == ["of-C", "of-C"]
-    assert tab.js(f"{shown}.map(one => one.querySelector('figcaption').textContent)")[0].startswith(
-        "C, left over"
-    )
-    assert max(tab.js(browser.CUT)) < 1
-
-
-@needs_browser
 def test_in_print_every_part_is_open_and_every_figure_drawn(tab, page) -> None:
     tab.open(page)
     # Those in closed parts too: nothing can be drawn while a page is being printed.

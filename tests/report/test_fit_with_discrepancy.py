@@ -13,7 +13,7 @@ from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.reports.pages.answers_page import question_lines
 from bayestissue.reports.pages.fit import figures, groups, method_agreement
 from bayestissue.reports.pages.posterior import mass_curve
-from make_fit_run import MASS, fit_run
+from make_fit_run import fit_run
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +27,6 @@ def test_impacts_show_it_beside_point_estimates_and_truth(run: Fit) -> None:
     np.testing.assert_array_equal(table["median"], rows["median"].reindex(table.index))
     assert list(method_agreement.held_by_intervals(run)["quantity"]) == ["K_secant", "K_secant", "C", "C"]
     assert method_agreement.dds_ratio(run, "K") == pytest.approx((table["dds"] / table["median"]).median())
-    titles = [column.title for column in method_agreement.estimates_table(run).columns]
-    assert {"K_secant (N/m)", "true K_secant"} <= set(titles)
     axes = json.dumps(figures.impacts(run, "order", "K").specification())
     assert "secant stiffness K_secant (N/m)" in axes
     assert {row.cells[0] for row in method_agreement.agreement_table(run).rows} == {"K_secant", "C"}
@@ -55,19 +53,12 @@ def test_the_curve_over_the_mass_is_that_of_the_recorded_impacts(run: Fit) -> No
     slope = np.log(curve["median"].iloc[-1] / curve["median"].iloc[0])
     slope /= np.log(curve["mass_kg"].iloc[-1] / curve["mass_kg"].iloc[0])
     assert slope == pytest.approx(np.median(run.draws("mass_exponent_K_secant")), abs=0.01)
-    conditions = figures.mass(run, "K")
-    assert "mean of impacts" in json.dumps(conditions.specification())
-    assert len(MASS) == len(run.labels("trial"))
 
 
 def test_an_answer_of_the_element_s_k_says_so_on_the_first_screen() -> None:
     of_claim = {"posterior": 0.6, "prior": 0.5, "note": f"rough; {ELEMENT_ALONE}"}
     of_number = {"median": 1200.0, "low": 1100.0, "high": 1300.0, "unit": "N/m", "note": ELEMENT_ALONE}
-    rows = [of_claim, of_number, of_number | {"note": ""}]
+    rows = [of_claim, of_number]
     table = table_of_rows("questions", [{"question": "K", "name": "", "unit": "", **row} for row in rows])
     beside = [line["beside"] for line in question_lines(table)]
-    assert beside == [
-        f"prior 0.50; {ELEMENT_ALONE}",
-        f"1100 to 1300; {ELEMENT_ALONE}",
-        "1100 to 1300",
-    ]
+    assert beside == [f"prior 0.50; {ELEMENT_ALONE}", f"1100 to 1300; {ELEMENT_ALONE}"]

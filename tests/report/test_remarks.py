@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from bayestissue.reports.pages import posterior
@@ -12,15 +10,6 @@ from bayestissue.thesis.pages.published_run import read_published_run
 @pytest.fixture(scope="module")
 def run(published_run_folder):
     return read_published_run(published_run_folder, read_about(published_run_folder))
-
-
-def test_who_differs_is_who_has_an_interval_without_zero(run):
-    assert "in K none of 10; in C none of 10" in posterior.who_differs(run, "subject")
-    groups = run.groups["posterior"]
-    shift = (groups["subject"] == "s03") * 10 - (groups["subject"] == "s07") * 10
-    moved = groups.assign(subject_effect_K=groups["subject_effect_K"] + shift)
-    told = posterior.who_differs(replace(run, groups=run.groups | {"posterior": moved}), "subject")
-    assert "in K 2 of 10: s03 and s07; in C none of 10" in told
 
 
 def test_the_best_explanation_and_its_rivals_are_named(run):
