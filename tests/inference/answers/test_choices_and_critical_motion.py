@@ -60,14 +60,6 @@ def test_the_best_level_has_its_probability_rank_and_loss(study: Study) -> None:
     assert not answers["note"].str.contains("averaged").any()
 
 
-def test_the_highest_is_the_lowest_of_the_negative(study: Study) -> None:
-    highest = ask(study, numbered(["best(subject, highest K)"]))
-    lowest = ask(study, numbered(["best(subject, lowest -K)"]))
-    for column in ("level", "posterior", "rank_low", "rank_high", "expected_loss"):
-        assert highest[column].tolist() == lowest[column].tolist()
-    assert len(highest) == len(study.recorded.levels("subject"))
-
-
 def test_levels_that_a_draw_has_equal_share_it(study: Study) -> None:
     answers = ask(study, numbered(["best(side, lowest max(K, 1e9 * K[side=left]))"]))
     assert answers["posterior"].tolist() == [0.5, 0.5]

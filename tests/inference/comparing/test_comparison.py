@@ -68,14 +68,6 @@ def test_leave_one_impact_out_agrees_with_the_exact_answer() -> None:
     assert not table["warning"].any()
 
 
-def test_an_impact_that_drags_the_posterior_along_is_counted_in_the_warning() -> None:
-    dragged = RIGHT.copy()
-    # A likelihood far narrower than the posterior draws: its inverse has no variance.
-    dragged[..., 0] = norm(MEAN, 0.05).logpdf(0.8)
-    warning = compared(a=dragged, b=RIGHT).loc["a", "warning"]
-    assert warning.startswith("1 of 30 impacts with Pareto k above 0.7")
-
-
 def test_weights_hold_where_the_densities_are_too_large_for_their_exponentials() -> None:
     # The log density of a trace of a few hundred samples in metres.
     table, bare = compared(wrong=WRONG + 4e3, right=RIGHT + 4e3), compared(wrong=WRONG, right=RIGHT)

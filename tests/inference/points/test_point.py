@@ -73,12 +73,6 @@ def test_conditional_fit_is_the_least_sum_of_squares() -> None:
         assert squares(at) <= min(squares(at + step), squares(at - step)) * (1 + 1e-9)
 
 
-def test_too_short_is_refused() -> None:
-    x = np.ones((1, 7))
-    with pytest.raises(ValueError, match="eight samples"):
-        fit_points(x, np.array([7]), np.array([DT]), np.array([1.0]))
-
-
 def test_no_impacts_and_no_motion_are_no_reason_to_fail() -> None:
     none = fit_points(np.empty((0, 20)), np.empty(0, int), np.empty(0), np.empty(0))
     assert none.K.shape == (0,)

@@ -28,14 +28,3 @@ def test_the_limit_of_pareto_k_follows_the_number_of_draws() -> None:
     )
     # So few that nothing vouches for them.
     assert k_threshold(1) == k_threshold(10) == 0
-
-
-def test_smoothed_weights_lead_from_draws_to_their_target() -> None:
-    draws = np.random.default_rng(5).normal(size=4000)
-    # From N(0, 1) to N(0.5, 1): weights exp(x / 2), whose effective number is exp(-1 / 4) of all.
-    smoothed, k = pareto_smoothed(0.5 * draws)
-    weight = np.exp(smoothed - smoothed.max())
-    mean = (weight * draws).sum() / weight.sum()
-    assert k < 0.4
-    # Five standard errors.
-    assert abs(mean - 0.5) < 5 / np.sqrt(4000 * np.exp(-0.25))
