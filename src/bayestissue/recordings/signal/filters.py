@@ -46,10 +46,8 @@ def modes(recorder: LowPassFilter) -> tuple[Complex[np.ndarray, " mode"], Comple
     _, poles, gain = _design(recorder, analog=True, output="zpk")
     # Alike but for rounding in pairs: the upper one, and those on the real axis.
     upper = poles[poles.imag >= -1e-9 * np.abs(poles)]
-    others = [poles[np.argsort(np.abs(poles - pole))[1:]] for pole in upper]
-    weights = np.array(
-        [gain / np.prod(pole - others_of_pole) for pole, others_of_pole in zip(upper, others, strict=True)]
-    )
+    from_others = [pole - poles[np.argsort(np.abs(poles - pole))[1:]] for pole in upper]
+    weights = gain / np.prod(from_others, axis=1)
     weights = np.where(upper.imag > 1e-9 * np.abs(upper), 2.0, 1.0) * weights
     if recorder.zero_phase:
         weights = weights * gain / np.prod(-upper[:, None] - poles, axis=1)

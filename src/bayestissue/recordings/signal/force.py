@@ -336,12 +336,9 @@ class _Beside:
             at = self.since_contact - shift[:, None]
             inside = self.usable & self.curve.covers(at)
             counts.append(inside.sum(axis=1))
-            one, other = (
-                np.where(
-                    inside, part - (part * inside).sum(axis=1, keepdims=True) / counts[-1].clip(1)[:, None], 0
-                )
-                for part in (np.where(inside, self.force.value, 0.0), self.curve.at(at))
-            )
+            parts = np.where(inside, np.stack([self.force.value, self.curve.at(at)]), 0.0)
+            means = parts.sum(axis=2, keepdims=True) / counts[-1].clip(1)[:, None]
+            one, other = np.where(inside, parts - means, 0)
             sizes = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
             alike.append((one * other).sum(axis=1) / np.maximum(sizes, np.finfo(float).tiny))
         enough = np.array(counts) > 0.5 * np.max(counts, axis=0)

@@ -119,8 +119,6 @@ def derivatives(recordings: PaddedTraces, over_s: float = WINDOW.smoothing_s) ->
     width = _parabola(recordings, over_s)
     if width < 3:
         return np.zeros_like(recordings.value), np.zeros_like(recordings.value)
-    index = np.minimum(np.arange(recordings.value.shape[1]), recordings.n_samples[:, None] - 1)
-    level = np.take_along_axis(recordings.value, index, axis=1)
-    slope = savgol_filter(level, width, 2, deriv=1, axis=1) / recordings.dt[:, None]
-    curvature = savgol_filter(level, width, 2, deriv=2, axis=1) / recordings.dt[:, None] ** 2
+    slope = savgol_filter(recordings.held, width, 2, deriv=1, axis=1) / recordings.dt[:, None]
+    curvature = savgol_filter(recordings.held, width, 2, deriv=2, axis=1) / recordings.dt[:, None] ** 2
     return slope, -curvature

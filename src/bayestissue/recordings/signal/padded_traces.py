@@ -79,6 +79,12 @@ class PaddedTraces:
         """True where there is a sample."""
         return np.arange(self.value.shape[1]) < self.n_samples[:, None]
 
+    @property
+    def held(self) -> Rows:
+        """The values, and past each row's end its last one again."""
+        index = np.minimum(np.arange(self.value.shape[1]), self.n_samples[:, None] - 1)
+        return np.take_along_axis(self.value, index, axis=1)
+
 
 @dataclass(frozen=True)
 class ImpactTraces(PaddedTraces):

@@ -64,16 +64,12 @@ def inspect(dataset: Dataset, options: SignalOptions | None = None) -> Findings:
 def _velocities(dataset: Dataset, implied: Sequence[velocity.Implied]) -> list[str]:
     """What all recordings together say of the velocities, of each impact."""
     impacts = dataset.impacts
-    trial = (
-        pd.factorize(impacts["trial"].astype(str))[0] if "trial" in impacts else np.zeros(len(impacts), int)
-    )
+    conditions = impacts["trial"].astype(str) if "trial" in impacts else np.zeros(len(impacts))
     falls = dataset.gravity > 0 or any(str(name).startswith("drop_height") for name in impacts)
     whole = velocity.Implied(*map(np.concatenate, zip(*implied, strict=True)))
-    said = [
-        velocity.in_words(contradiction, impacts, falls=falls)
-        for contradiction in velocity.contradictions(whole, trial, _levels(impacts))
-    ]
-    return ["; ".join(filter(None, words)) for words in zip(*said, strict=True)] or [""] * len(impacts)
+    kinds, fractions = velocity.contradictions(whole, pd.factorize(conditions)[0], _levels(impacts))
+    said = zip(kinds, fractions, impacts.to_dict("records"), strict=True)
+    return [velocity.in_words(*of_impact, falls=falls) for of_impact in said]
 
 
 def _levels(impacts: pd.DataFrame) -> list[np.ndarray]:
@@ -119,10 +115,8 @@ def _inspected(
         # An impact's force may jump at contact; behind a low-pass it can't.
         candidate = (start > 0) & (limited == 0)
         above, longest = beginning.beginning(recorded, signal, candidate, part.uncertainty)
-    findings += [
-        _found("starts-above-zero", above, start),
-        _found("starts-below-zero", start < -PULSE.above, start),
-    ]
+    findings.append(_found("starts-above-zero", above, start))
+    findings.append(_found("starts-below-zero", start < -PULSE.above, start))
     yield _found("contact-earlier", longest > 0, 1e3 * longest)
     yield from (found for found in findings if part.recorder is None or found[0] != "slow-low-pass")
     # What a declared low-pass makes of a law is none.

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.special import fdtrc, ndtri, stdtr
 
 from bayestissue.recordings.signal.padded_traces import (
@@ -53,7 +54,8 @@ class PulseAndRests(PaddedTraces):
     def from_recordings(cls, recordings: PaddedTraces) -> PulseAndRests:
         """Find pulse and rests by a running median, whatever the noise and whatever stands beside it."""
         value, inside = recordings.value, recordings.inside
-        smooth = np.where(inside, _running_median(value, recordings.n_samples), -np.inf)
+        smooth = median_filter(recordings.held, (1, PULSE.median), mode="nearest")
+        smooth = np.where(inside, smooth, -np.inf)
         top = np.argmax(smooth, axis=1)
         index = np.arange(value.shape[1])
         level = _quiet_level(value, smooth, top)
@@ -89,14 +91,6 @@ def _quiet_level(value: Rows, smooth: Rows, top: Index) -> Column:
         early[~known] = 0.0
         level = np.where(known, np.nanmedian(early, axis=1), 0.0)
     return level
-
-
-def _running_median(value: Rows, n: Index) -> Rows:
-    half = PULSE.median // 2
-    index = np.clip(np.arange(value.shape[1]) + np.arange(-half, half + 1)[:, None], 0, None)
-    return np.median(
-        [np.take_along_axis(value, np.minimum(row, n[:, None] - 1), axis=1) for row in index], axis=0
-    )
 
 
 def _step(value: Rows, inside: Mask) -> Column:
@@ -196,26 +190,18 @@ def standing(recorded: PulseAndRests) -> Index:
     """
     value, sd = recorded.value, recorded.sd
     step = np.where(np.isfinite(recorded.step), recorded.step, 0)
-    below = recorded.inside[:, 1:] & (
-        value[:, 1:] < np.where(recorded.inside, value, -np.inf).max(axis=1, keepdims=True)
-    )
+    greatest = np.where(recorded.inside, value, -np.inf).max(axis=1, keepdims=True)
+    below = recorded.inside[:, 1:] & (value[:, 1:] < greatest)
     equal = (np.diff(value, axis=1) == 0) & below
     padded = np.pad(value, ((0, 0), (8, 8)), mode="edge")
     change = np.abs(padded[:, 16:] - padded[:, :-16])[:, 1:]
     moving = below & (change > (8 * step + 6 * sd)[:, None])
     chance = np.minimum(step / (2 * np.sqrt(np.pi) * sd), 1.0) * 0.5 + 0.01
-    count, repeated = moving.sum(axis=1), (moving & equal).sum(axis=1)
+    stands = moving & equal
+    count, repeated = moving.sum(axis=1), stands.sum(axis=1)
     limit = count * chance + 3.1 * np.sqrt(count * chance) + 2
-    longest = _longest(moving & equal)
-    return np.where((repeated > limit) & ((repeated > 0.3 * count) | (longest >= 3)), repeated, 0)
-
-
-def _longest(condition: Mask) -> Index:
-    run, best = np.zeros(len(condition), int), np.zeros(len(condition), int)
-    for column in condition.T:
-        run = np.where(column, run + 1, 0)
-        best = np.maximum(best, run)
-    return best
+    thrice = (stands[:, 2:] & stands[:, 1:-1] & stands[:, :-2]).any(axis=1)
+    return np.where((repeated > limit) & ((repeated > 0.3 * count) | thrice), repeated, 0)
 
 
 def levels(recorded: PulseAndRests) -> Column:
@@ -335,12 +321,8 @@ def moved_zero(recorded: PulseAndRests, gravity: float) -> Column:
     change = later - np.where(known, earlier, 0)
     change = np.where(np.abs(change - gravity) < np.abs(change), change - gravity, change)
     error = np.hypot(error, np.where(known, its_error, recorded.sd))
-    with np.errstate(invalid="ignore"):
-        moved = (
-            level(recorded, recorded.after)
-            & (np.abs(change) > 5 * error)
-            & (np.abs(change) > SAMPLES.shift * recorded.peak)
-        )
+    moved = (np.abs(change) > 5 * error) & (np.abs(change) > SAMPLES.shift * recorded.peak)
+    moved &= level(recorded, recorded.after)
     return np.where(moved, change / recorded.peak, 0.0)
 
 
@@ -371,10 +353,7 @@ def slow_noise(recorded: PulseAndRests, to_peak: Column) -> Column:
             corner = np.sqrt(change / square) / (2 * np.pi * recorded.dt)
             # Von Neumann's ratio of white noise is 2, with a standard deviation of 2 / m^(1/2).
             slow = (change / square < 2 - 2 * 4 / np.sqrt(m)) & (square > recorded.step**2)
-        slow &= (
-            (count >= 2 * SAMPLES.fewest)
-            & (level(recorded, quiet) | (quiet is recorded.before))
-            & (corner * to_peak < SAMPLES.passes)
-        )
+        slow &= (count >= 2 * SAMPLES.fewest) & (corner * to_peak < SAMPLES.passes)
+        slow &= level(recorded, quiet) | (quiet is recorded.before)
         frequency = np.where(slow & ~(frequency < corner), corner, frequency)
     return frequency

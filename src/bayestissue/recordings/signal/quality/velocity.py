@@ -22,13 +22,11 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.special import logsumexp
 from scipy.stats import chi2, median_abs_deviation
 
@@ -69,22 +67,6 @@ class Implied(NamedTuple):
         return (group for group in rows if len(group) >= fewest)
 
 
-@dataclass(frozen=True)
-class Contradiction:
-    """Velocities that recordings contradict.
-
-    Attributes:
-        kind: "all", "trial" or "impact".
-        which: the impacts concerned.
-        fraction: of each, by which the velocity that the recordings imply is greater than stated: one number
-            of a group.
-    """
-
-    kind: str
-    which: Bool[np.ndarray, " impact"]
-    fraction: Column
-
-
 def implied(signal: Displacements, recorded: PulseAndRests, uncertainty: Uncertainty) -> Implied:
     """The velocity that each trace implies.
 
@@ -100,11 +82,8 @@ def implied(signal: Displacements, recorded: PulseAndRests, uncertainty: Uncerta
     first = trapezoids(d - signal.gravity[:, None], steps)
     problem = LeastSquares.until(np.maximum(n - 1, 0), signal, (first, trapezoids(first, steps)))
     duration = problem.duration
-    half = np.sqrt(3) * signal.contact.bracket_sd
-    bracket = (
-        np.maximum(signal.contact.bracket_s - half, 0) / duration,
-        (signal.contact.bracket_s + half) / duration,
-    )
+    middle, half = signal.contact.bracket_s, np.sqrt(3) * signal.contact.bracket_sd
+    bracket = np.maximum(middle - half, 0) / duration, (middle + half) / duration
     zero = signal.quiet.zero_sd(uncertainty.offset_sd)
     taken = 1 - 1 / np.sqrt(1 + n * np.square(zero / np.maximum(noise_sd, 1e-12)))
     squares = _least(problem, signal, bracket, taken) * np.square(signal.velocity / duration)[:, None]
@@ -190,34 +169,33 @@ def _averaged(log_likelihood: np.ndarray, sd: Column) -> np.ndarray:
 
 def contradictions(
     implied: Implied, trial: np.ndarray, levels: Sequence[np.ndarray] = ()
-) -> list[Contradiction]:
+) -> tuple[np.ndarray, Column]:
     """What the recordings say against the stated velocities: of all, else of conditions, and single impacts.
 
     Args:
         implied: see `implied`.
         trial: of each impact, the number of its condition, from 0.
         levels: of each impact, the number of its person, pad or whatever else says what was hit.
+
+    Returns:
+        Of each impact whose velocity is contradicted, "all", "trial" or "impact", else ""; and the fraction
+        by which the velocity that the recordings imply is greater than stated: one of a group.
     """
-    contradictory, log_likelihood, explained = [], implied.log_likelihood, implied.explained
+    log_likelihood, fractions = implied.log_likelihood, implied.fraction
     alone = _apart(implied, trial)
     for codes in levels:
         alone &= ~_of_another_law(implied, codes)
-    groups = {"all": np.zeros_like(trial), "trial": trial}
-    tests = 2 + trial.max(initial=0)
-    said = alone.copy()
-    for kind, codes in groups.items():
+    kinds, tests = np.where(alone, "impact", ""), 2 + trial.max(initial=0)
+    for kind, codes in (("all", np.zeros_like(trial)), ("trial", trial)):
         for code in range(codes.max(initial=-1) + 1):
-            which = (codes == code) & ~said & explained
-            members = (codes == code) & ~said
+            members = (codes == code) & (kinds == "")
+            which = members & implied.explained
             if which.sum() < max(2, VELOCITY.majority * members.sum()):
                 continue
             fraction = _greatest(log_likelihood[which].sum(axis=0), tests)
             if fraction and _common(log_likelihood[which], fraction):
-                contradictory.append(Contradiction(kind, members, np.full(len(trial), fraction)))
-                said |= members
-    if alone.any():
-        contradictory.append(Contradiction("impact", alone, implied.fraction))
-    return contradictory
+                kinds[members], fractions[members] = kind, fraction
+    return kinds, fractions
 
 
 def _greatest(log_likelihood: np.ndarray, tests: int) -> float:
@@ -274,27 +252,21 @@ def _of_another_law(implied: Implied, codes: np.ndarray) -> Mask:
     return typical & ~implied.explained
 
 
-def in_words(contradiction: Contradiction, impacts: pd.DataFrame, *, falls: bool) -> list[str]:
-    """What is said of each impact; nothing of the others.
+def in_words(kind: str, fraction: float, impact: Mapping[Any, Any], *, falls: bool) -> str:
+    """What is said of an impact.
 
     Args:
-        contradiction: see `contradictions`.
-        impacts: with ``velocity_m_s`` and, where there are conditions, ``trial``.
+        kind: see `contradictions`.
+        fraction: likewise.
+        impact: with ``velocity_m_s`` and, where there are conditions, ``trial``.
         falls: the velocity is that of a fall, so that a height says the same.
     """
-    words = []
-    for which, fraction, (_, impact) in zip(
-        contradiction.which, contradiction.fraction, impacts.iterrows(), strict=True
-    ):
-        stated = float(impact["velocity_m_s"])
-        met, way = stated * (1 + fraction), "more" if fraction > 0 else "less"
-        said = f"as if met at {met:.3g} m/s, {abs(fraction):.0%} {way} than stated"
-        if falls:
-            cm, its = (50 * v**2 / STANDARD_GRAVITY for v in (met, stated))
-            said = (
-                f"as if dropped from a {'greater' if fraction > 0 else 'smaller'} height "
-                f"(about {cm:.2g} cm, stated {its:.3g} cm): {said[6:]}"
-            )
-        where = {"all": "; so in all impacts", "trial": f"; so in all of condition {impact.get('trial')}"}
-        words.append(said + where.get(contradiction.kind, "") if which else "")
-    return words
+    stated = float(impact["velocity_m_s"])
+    met, way = stated * (1 + fraction), "more" if fraction > 0 else "less"
+    said = f"met at {met:.3g} m/s, {abs(fraction):.0%} {way} than stated"
+    if falls:
+        cm, its = (50 * v**2 / STANDARD_GRAVITY for v in (met, stated))
+        height = "greater" if fraction > 0 else "smaller"
+        said = f"dropped from a {height} height (about {cm:.2g} cm, stated {its:.3g} cm): {said}"
+    where = {"all": "; so in all impacts", "trial": f"; so in all of condition {impact.get('trial')}"}
+    return f"as if {said}{where.get(kind, '')}" if kind else ""
