@@ -134,7 +134,6 @@ class Made(Result):
         said: what it says then of the ``{folder}`` in place of this.
         inputs: what these results were made of.
         words: what the command prints.
-        always: what it prints before that, whatever --quiet says.
     """
 
     command = "export"
@@ -147,7 +146,6 @@ class Made(Result):
     said: str = ""
     inputs: tuple[str | Path | None, ...] = ()
     words: Iterable[Any] = ()
-    always: Iterable[Any] = ()
 
     def page_in(self, folder: Path) -> str:
         """The page."""

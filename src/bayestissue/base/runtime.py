@@ -23,6 +23,7 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
+from bayestissue.base.results.files import file_sha256
 from bayestissue.base.stopping import INTERRUPTED
 
 # Of run folders: raised where this version no longer reads what the one before it wrote.
@@ -214,14 +215,11 @@ def _remove_unused(folder: Path, most: int = _MOST_KEPT, target: int = _KEPT) ->
                     used = max(status.st_atime_ns, status.st_mtime_ns)
                     entries.append((used, status.st_size, entry.path))
     left = sum(size for _, size, _ in entries)
-    if left <= most:
-        return
-    for _, size, name in sorted(entries):
+    for _, size, name in sorted(entries) if left > most else ():
         if left <= target:
             return
-        path = Path(name)
         with suppress(OSError):
-            path.unlink()
+            Path(name).unlink()
         left -= size
 
 
@@ -357,6 +355,5 @@ def content_hash(paths: Iterable[Path]) -> str:
     """SHA-256 over the names and contents of ``paths``, whatever folder they lie in."""
     digest = hashlib.sha256()
     for path in sorted(paths, key=lambda path: path.name):
-        with path.open("rb") as file:
-            digest.update(path.name.encode() + b"\0" + hashlib.file_digest(file, "sha256").digest())
+        digest.update(path.name.encode() + b"\0" + bytes.fromhex(file_sha256(path)))
     return digest.hexdigest()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import rich.table
@@ -17,7 +16,6 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     TaskID,
-    TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
@@ -106,14 +104,12 @@ def show(what: Shown) -> None:
     if Measurement.get(console, free, table).minimum <= console.width:
         console.print(table)
         return
-    if table.title:
-        console.print(table.title)
-    for cells in zip(*(column.cells for column in table.columns), strict=True):
-        for column, cell in zip(table.columns, cells, strict=True):
-            if str(cell):
-                line = Text(f"{column.header}: " if str(column.header) else "")
-                line.append(cell if isinstance(cell, Text) else str(cell))
-                console.print(line, soft_wrap=True)
+    if what.title:
+        console.print(plain(what.title))
+    for row in what.table.rows:
+        for column, cell in zip(what.table.columns, row.cells, strict=True):
+            if cell:
+                console.print(plain(f"{column.title}: {cell}" if column.title else cell), soft_wrap=True)
 
 
 class Stages:
@@ -135,18 +131,9 @@ class Stages:
         self._began = self._spoke = time.monotonic()
         self._done_before, self._silent_until = 0, self._began + patience_s
         console = Console(stderr=True)
-        self._bars = (
-            Progress(
-                TextColumn("{task.description:34}"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeElapsedColumn(),
-                TimeRemainingColumn(),
-                console=console,
-            )
-            if console.is_terminal and not quiet
-            else None
-        )
+        columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+        bars = Progress("{task.description:34}", *columns, console=console)
+        self._bars = bars if console.is_terminal and not quiet else None
 
     @property
     def begun(self) -> bool:
@@ -158,9 +145,7 @@ class Stages:
             self._bars.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._bars is not None:
             self._finish_bar()
             self._bars.stop()

@@ -118,7 +118,7 @@ def delivers(
     out: Any = inspect.Parameter.empty,
     inputs: tuple[str, ...] = (),
     shown: Words = attrgetter("words"),
-    verdict: Words = lambda result: getattr(result, "always", ()),
+    verdict: Words = lambda _: (),
 ) -> Callable[[Callable[..., Result]], Callable[..., None]]:
     """A command whose function computes a `Result`; here it is written, printed, and ends the process.
 
@@ -210,10 +210,7 @@ def documented(command: Callable[..., None]) -> tuple[Callable[..., None], str]:
     words, own = described(command.__doc__, "Args")
     helps = described(__doc__, "Options")[1] | own
     signature = inspect.signature(command, eval_str=True)
-    options = [
-        _with_help(option, helps[option.name]) if option.name in helps else option
-        for option in signature.parameters.values()
-    ]
+    options = [_with_help(option, helps[option.name]) for option in signature.parameters.values()]
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
     return command, words
 

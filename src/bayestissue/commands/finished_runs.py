@@ -111,10 +111,7 @@ def predict(
     return made if draws is None else replace(made, words=[*made.words, f"wrote {draws}"])
 
 
-def report(
-    run: Annotated[Path, typer.Argument(metavar="DIR")],
-    quiet: Quiet = False,
-) -> None:
+def report(run: Annotated[Path, typer.Argument(metavar="DIR")], quiet: Quiet = False) -> None:
     """Write report.html anew from the files of a finished run.
 
     Args:

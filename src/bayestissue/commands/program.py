@@ -91,9 +91,7 @@ def _unknown(code: str, known: Sequence[str]) -> Problem:
     return Problem.stated("option-value.code", "explain", value=code, hint=hint)
 
 
-def model(
-    name: Annotated[str, typer.Argument(metavar="NAME|FILE")],
-) -> None:
+def model(name: Annotated[str, typer.Argument(metavar="NAME|FILE")]) -> None:
     """Print a model file whole, every key with its meaning, to begin one of your own with.
 
     `bayestissue model maxwell > mine.toml`. A file need only say how it differs from another: like =
@@ -107,23 +105,20 @@ def model(
     echo(resources.model_text(resources.model_file(name, lambda _: True)).rstrip())
 
 
-def _verdict(findings: pd.DataFrame, words: str) -> Iterator[Shown]:
+def _verdict(made: Made) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
     from bayestissue.reports.pages.page_tables import Field, table_of
 
+    findings = made.tables["selftest"]
     failed = findings[findings["passed"] == 0]
     if len(failed):
         sizes = (Field(name, kind="number") for name in ("what", "expected", "found"))
         yield Grid("what failed", table_of(failed, Field("check"), *sizes))
-    yield words
+    yield made.about["verdict"]["words"]
 
 
-@delivers(out=Path("selftest"))
-def selftest(
-    thorough: bool = False,
-    *,
-    call: Call,
-) -> Made:
+@delivers(out=Path("selftest"), verdict=_verdict)
+def selftest(thorough: bool = False, *, call: Call) -> Made:
     """Test the installed program on this machine: two minutes, no data of yours, one line of verdict.
 
     Numbers that others published, campaigns with a known truth, a file of each recorder format, and a fit
@@ -146,19 +141,13 @@ def selftest(
     finally:
         shutil.rmtree(work)
     passed, words = verdict(findings)
-    about = start.record(
-        "selftest",
-        "selftest",
-        thorough=thorough,
-        machine=machine(),
-        verdict={"passed": passed, "words": words},
-    )
+    judged = {"passed": passed, "words": words}
+    about = start.record("selftest", "selftest", thorough=thorough, machine=machine(), verdict=judged)
 
     def write(folder: Path) -> None:
         (folder / "selftest.md").write_text(as_markdown(findings, about), encoding="utf-8")
 
-    tables, words_printed = {"selftest": findings}, _verdict(findings, words)
-    return Made(about, tables, write, passed=passed, files=("selftest.md",), always=words_printed)
+    return Made(about, {"selftest": findings}, write, passed=passed, files=("selftest.md",))
 
 
 def _in_words(table: pd.DataFrame) -> pd.DataFrame:
@@ -167,12 +156,7 @@ def _in_words(table: pd.DataFrame) -> pd.DataFrame:
 
 
 @delivers(inputs=("model",))
-def reproduce(
-    model: Model = None,
-    seed: Seed = 0,
-    *,
-    call: Call,
-) -> Made:
+def reproduce(model: Model = None, seed: Seed = 0, *, call: Call) -> Made:
     """Recompute, audit and re-analyse the thesis's published estimates, and write the report.
 
     Args:

@@ -19,7 +19,7 @@ from bayestissue.base.errors import InputError, path_argument
 from bayestissue.base.outline import Rows, short, span
 from bayestissue.base.result import Made, Result, Say
 from bayestissue.base.results.files import write_json, write_tree
-from bayestissue.base.results.manifest import FileKind, require_file
+from bayestissue.base.results.manifest import require_file
 from bayestissue.inference.checking.findings import verdict_in_words
 from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.model.hierarchy.specification import ModelSpecification, specification_of
@@ -165,13 +165,7 @@ class Fit(FitRun, Result):
         if draws is None:
             return runtime.in_float64(predict)(self.study, self._conditions(table), say)
         read = (self.folder, None if isinstance(table, pd.DataFrame) else Path(table))
-        require_file(
-            Path(draws),
-            "--draws",
-            FileKind(DRAWS_AS, is_draws),
-            overwrite=overwrite,
-            inputs=read,
-        )
+        require_file(Path(draws), DRAWS_AS, is_draws, overwrite=overwrite, inputs=read)
         predicted = self._predicted(table)
         write_draws(predicted.draws, Path(draws))
         return predicted.table

@@ -141,7 +141,5 @@ def file_sha256(path: Path) -> str:
 def remove(path: Path) -> None:
     """Remove a file, a link or a folder with all that it holds, if it is there and this can be done."""
     shutil.rmtree(path, ignore_errors=True)
-    try:
-        path.unlink(missing_ok=True)
-    except OSError:
-        return
+    with suppress(OSError):
+        path.unlink()

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, NamedTuple
+from typing import Any
 
 from bayestissue.base.errors import InputError, refuse
 from bayestissue.base.outline import first_of
@@ -164,36 +164,35 @@ def require_free(out: Path, *, overwrite: bool) -> None:
         raise InputError.stated("out-taken.mixed", str(out), value=first_of(others, most=3))
 
 
-class FileKind(NamedTuple):
-    """A kind of single file of results: how names of it end, and whether a file is one."""
-
-    suffixes: Sequence[str]
-    is_one: Callable[[Path], bool]
-
-
 def require_file(
-    path: Path, option: str, kind: FileKind, *, overwrite: bool, inputs: Sequence[str | Path | None]
+    path: Path,
+    suffixes: Sequence[str],
+    is_own: Callable[[Path], bool],
+    *,
+    overwrite: bool,
+    inputs: Sequence[str | Path | None],
 ) -> None:
-    """Refuse a single file of results that would cost something, can't be written, or whose kind is none.
+    """Refuse a file of `predict --draws` that would cost something or can't be written.
 
     Args:
         path: of the file.
-        option: what gives it.
-        kind: what alone is replaced.
+        suffixes: how its name may end.
+        is_own: whether a file is one that the program wrote, which alone is replaced.
         overwrite: replace it then.
         inputs: what the command reads.
 
     Raises:
         InputError: what is wrong.
     """
+    option = "--draws"
     where = f"{option} {str(path)!r}"
-    if path.suffix not in kind.suffixes:
-        kinds = " or ".join(kind.suffixes)
+    if path.suffix not in suffixes:
+        kinds = " or ".join(suffixes)
         raise InputError.stated("file-taken.suffix", where, value=path.suffix, kinds=kinds)
     resolved = require_place(path, inputs, option)
     if resolved.exists() and not overwrite:
         raise InputError.stated("file-taken.own", where, value="a name that is taken")
-    if resolved.exists() and not (resolved.is_file() and kind.is_one(resolved)):
+    if resolved.exists() and not (resolved.is_file() and is_own(resolved)):
         raise InputError.stated("file-taken.others", where, value="no such file of bayestissue")
     try:
         with TemporaryFile(dir=next(parent for parent in resolved.parents if parent.exists())):

@@ -82,16 +82,12 @@ def _file(name: str, content: dict[str, Any]) -> ResultFile:
         for column in entry.get("columns", "").split()
     }
     not_known, optional = (entry.get(key, "").split() for key in ("not_known", "optional"))
-    looks = {
-        column: ShownColumn(
-            look.get("title", column),
-            look.get("form", "text"),
-            tuple(look.get("of", [column])),
-            "not known" if column in not_known else "",
-            column in optional,
-        )
-        for column, look in entry.get("shown", {}).items()
-    }
+    looks = {}
+    for column, look in entry.get("shown", {}).items():
+        missing = "not known" if column in not_known else ""
+        of = tuple(look.get("of", [column]))
+        form = look.get("form", "text")
+        looks[column] = ShownColumn(look.get("title", column), form, of, missing, column in optional)
     return ResultFile(tuple(entry["by"]), entry["holds"], columns, looks)
 
 
