@@ -121,17 +121,6 @@ def test_a_picture_is_of_the_report_that_is_kept(picture: Path, shown: str) -> N
     assert Image.open(picture).text[OF] == of, "run make docs-outputs"
 
 
-def test_every_figure_of_the_explanations_is_one_that_their_script_makes() -> None:
-    folder = DOCS / "explanation"
-    shown = {
-        name
-        for page in folder.glob("*.md")
-        for name in re.findall(r"\]\(figures/(\w+)\.svg\)", page.read_text(encoding="utf-8"))
-    }
-    made = set(runpy.run_path(str(folder / "figures.py"))["FIGURES"])
-    assert shown == made == {path.stem for path in (folder / "figures").glob("*.svg")}
-
-
 def test_commands_of_the_explanations_have_options_that_the_program_knows() -> None:
     for page in (DOCS / "explanation").glob("*.md"):
         for block in blocks(page.read_text(encoding="utf-8")):

@@ -68,23 +68,14 @@ def hostile_run(folder: Path) -> Path:
     (folder / "run.json").write_text(json.dumps(hostile(about)))
     draws = folder / "posterior.nc"
     if draws.exists():
-        groups = {
-            name: data.load()
-            for name, data in xr.open_groups(draws, engine="h5netcdf").items()
-            if name != "/"
-        }
-        changed = {}
-        for group, data in groups.items():
-            texts = {
-                name: (variable.dims, [hostile(str(text)) for text in variable.to_numpy()])
-                for name, variable in data.variables.items()
-                if variable.dtype.kind in "OUT" and variable.ndim == 1
-            }
-            changed[group] = data.assign_coords({n: t for n, t in texts.items() if n in data.coords}).assign(
-                {n: t for n, t in texts.items() if n not in data.coords}
-            )
+        with xr.open_datatree(draws, engine="h5netcdf") as tree:
+            groups = {name: part.to_dataset().load() for name, part in tree.children.items()}
+        for data in groups.values():
+            for name, texts in data.variables.items():
+                if texts.dtype.kind in "OUT" and texts.ndim == 1:
+                    data[name] = texts.dims, [hostile(str(text)) for text in texts.to_numpy()]
         draws.unlink()
-        xr.DataTree.from_dict(changed).to_netcdf(draws, engine="h5netcdf")
+        xr.DataTree.from_dict(groups).to_netcdf(draws, engine="h5netcdf")
     return folder
 
 
