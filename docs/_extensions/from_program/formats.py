@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from bayestissue.recordings.dataset.formats import EACH
 from bayestissue.recordings.dataset.sample_tables import TABLE_SUFFIXES, TEXT_SUFFIXES
 from from_program.markdown import code, table
@@ -16,5 +18,5 @@ def formats() -> str:
     return table(["from", "files", "time", "value"], rows)
 
 
-def _endings(suffixes: tuple[str, ...]) -> str:
+def _endings(suffixes: Sequence[str]) -> str:
     return ", ".join(map(code, suffixes))

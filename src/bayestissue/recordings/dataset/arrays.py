@@ -180,7 +180,7 @@ def _columns(
     if isinstance(traces, pd.DataFrame):
         refuse(column_problems(_LONG, [str(name) for name in traces], ["impact", *columns]))
         codes, names = pd.factorize(traces["impact"], use_na_sentinel=False)
-        labels = Labels.distinct(codes, map(plain_text, names))
+        labels = Labels(codes, list(map(plain_text, names)))
         able = traces.select_dtypes("number").columns.tolist()
         all_names = tuple(map(str, traces))
         further = [name for name in clocks_beside(signal, first, all_names) if able.count(name) == 1]
@@ -197,7 +197,7 @@ def _columns(
         raise InputError.stated("array-shape.recordings", _SINGLE, value=kind, count=len(impacts))
     pairs = all_of(lambda item: _pair(item[1], item[0], columns), named)
     count = [len(times.values) for times, _ in pairs]
-    labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
+    labels = Labels(np.repeat(np.arange(len(named)), count), [name for name, _ in named])
     numbers = {name: Channel.joined([pair[at] for pair in pairs]) for at, name in enumerate(columns)}
     return _SINGLE, Contents(numbers, labels={"impact": labels})
 
@@ -223,11 +223,10 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[Channel, C
     if len(times.values) != len(readings.values):
         counts = f"{len(times.values)} times and {len(readings.values)} values"
         raise InputError.stated("array-shape.lengths", _SINGLE, value=counts, impact=impact)
-    hidden = np.zeros(len(times.values), bool)
-    for part in trace:
-        hidden |= np.ma.getmaskarray(part) if isinstance(part, np.ma.MaskedArray) else False
-    if not hidden.any():
+    masks = [np.ma.getmaskarray(part) for part in trace if isinstance(part, np.ma.MaskedArray)]
+    if not np.any(masks):
         return times, readings
+    hidden = np.any(masks, axis=0)
     shown = np.flatnonzero(~hidden)
     first, stop = (shown[0], shown[-1] + 1) if len(shown) else (0, 0)
     return _stretch(times, hidden, first, stop), _stretch(readings, hidden, first, stop)

@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float64
 from pydantic import (
     AfterValidator,
-    BeforeValidator,
     Field,
     SerializerFunctionWrapHandler,
     ValidationInfo,
@@ -73,11 +72,6 @@ def _measuring(unit: str, info: ValidationInfo) -> str:
     return unit
 
 
-def _listed(value: Any) -> Any:
-    """A list of a TOML file as the tuple that a strict table asks for."""
-    return tuple(value) if isinstance(value, list) else value
-
-
 _ON_ONE_LINE = only(
     lambda text: text.strip() and not has_control_characters(text),
     "a name on one line, without control characters",
@@ -109,7 +103,7 @@ OnEarth = Annotated[
 Gravity = Literal["none", "drop"] | OnEarth
 Stretch = Annotated[
     tuple[float, ...],
-    BeforeValidator(_listed),
+    Field(strict=False),  # of TOML they are lists
     only(
         lambda ends: len(ends) == 2 and -math.inf < ends[0] < ends[1] < math.inf,
         "two numbers [start, stop], the first the smaller",
@@ -422,7 +416,7 @@ class Settings(TomlTable, strict=True):
     signal: SignalSettings
     channel: Annotated[
         tuple[ChannelSettings, ...],
-        BeforeValidator(_listed),
+        Field(strict=False),
         only(lambda channels: len(channels) < 2, "one table [[channel]]: a force beside the first channel"),
     ] = ()
     uncertainty: Uncertainty = Uncertainty()

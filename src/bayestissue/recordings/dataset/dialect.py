@@ -117,10 +117,8 @@ class Dialect:
     def __str__(self) -> str:
         between, decimal = _word(DELIMITERS, self.delimiter), _word(DECIMALS, self.decimal)
         thousands = f"a {_word(THOUSANDS, self.thousands)} between thousands" if self.thousands else ""
-        marks = [f"a {between} between cells", f"a decimal {decimal}", thousands]
-        parts = (
-            [f"the sheet {self.sheet}"] if self.sheet else [_ENCODINGS[self.encoding], *filter(None, marks)]
-        )
+        marks = [_ENCODINGS[self.encoding], f"a {between} between cells", f"a decimal {decimal}", thousands]
+        parts = [f"the sheet {self.sheet}"] if self.sheet else list(filter(None, marks))
         parts += [f"names in row {self.header_row}" if self.header_row else "no names of columns"]
         parts += [f"units in row {self.units_row}"] if self.units_row else []
         return ", ".join(parts)
@@ -394,16 +392,9 @@ def text_table(data: bytes, source: Source, *, wanted: Sequence[str] = (), named
         raise InputError(open_mark(label, row, names[column], cell))
     mark = "" if unsure is None else re.sub(r"[^.,]", "", unsure[2])
     decimal, thousands = _settled(decimal, mark, marks, named=named)
-    dialect = Dialect(
-        encoding,
-        lines.delimiter,
-        decimal,
-        _thousands(body, lines.delimiter, decimal) if thousands is None else thousands,
-        header.row if header else 0,
-        below.row if below else 0,
-        first_row,
-        sheet,
-    )
+    thousands = _thousands(body, lines.delimiter, decimal) if thousands is None else thousands
+    rows = (header.row if header else 0, below.row if below else 0, first_row)
+    dialect = Dialect(encoding, lines.delimiter, decimal, thousands, *rows, sheet)
     first, *others = map(_bare, below.cells) if below else [""]
     units = ["" if _CALLED_UNITS.fullmatch(first) else first, *others, *[""] * len(names)][: len(names)]
     clock = None if named else lines.clock(header)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -93,11 +93,8 @@ def in_two_levels(impacts: pd.DataFrame, most: int = 6) -> Iterator[tuple[str, s
         ):
             continue
         for person, many in several.head(1).items():
-            yield (
-                str(name),
-                str(person),
-                [f"{level:g}" if isinstance(level, float) else level for level in many],
-            )
+            words = [f"{level:g}" if isinstance(level, float) else level for level in many]
+            yield str(name), str(person), words
 
 
 def counts(impacts: pd.DataFrame) -> str:
@@ -156,7 +153,7 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
     table = pd.DataFrame(content)
     if set(CROP) <= set(table):
         problems += _reversed(table, columns)
-    warnings += [*_unlikely(table, rows), *_alike_names(table, columns)]
+    warnings += [*_unlikely(table, columns), *_alike_names(table, columns)]
     for name, person, levels in in_two_levels(table):
         index = cells["subject"].tolist().index(person)
         words = {"name": name, "levels": " and in ".join(levels), "first": levels[0]}
@@ -188,7 +185,7 @@ class _CheckedColumn:
         return [self.problem(index, key, **numbers) for index in np.flatnonzero(where)]
 
     def problem(self, index: int | np.integer, key: str, **numbers: Any) -> Problem:
-        """The problem of one cell."""
+        """The problem of one cell, with its text unless another ``value`` stands in the message."""
         text, impact = self.texts[index] or "an empty cell", self.impacts[index]
         return Problem.stated(key, FILE, self.rows[index], self.name, text, impact=impact, **numbers)
 
@@ -214,7 +211,7 @@ class _CheckedColumn:
             # Numbers with one slip among them must not quietly become categories.
             content, odd, kind = self.texts, filled & ~numeric, "not-a-number"
         counts = {"count": int(odd.sum()), "total": len(self.texts)}
-        first = [int(np.argmax(odd))] if odd.any() else []
+        first = np.flatnonzero(odd)[:1]
         return content, [self.problem(index, f"unusual-value.{kind}", **counts) for index in first]
 
 
@@ -254,14 +251,12 @@ def _reversed(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> list[P
     start, stop = (table[name].to_numpy(copy=True) for name in CROP)
     table.loc[stop <= start, list(CROP)] = np.nan
     return [
-        replace(
-            columns[CROP[1]].problem(index, "crop.reversed", start=start[index]), value=float(stop[index])
-        )
+        columns[CROP[1]].problem(index, "crop.reversed", start=start[index], value=float(stop[index]))
         for index in np.flatnonzero(stop <= start)
     ]
 
 
-def _unlikely(table: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
+def _unlikely(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> list[Problem]:
     mass, velocity = table["mass_kg"].to_numpy(), table["velocity_m_s"].to_numpy()
     odd = {"mass_kg": (mass < 1e-3) | (mass > 200), "velocity_m_s": (velocity < 0.01) | (velocity > 50)}
     if "energy_J" in table:
@@ -276,11 +271,9 @@ def _unlikely(table: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
     ]
     problems = []
     for name, key, where in named:
-        if where.any():
-            first = int(np.argmax(where))
-            value, impact = float(table[name].iloc[first]), str(table["impact"].iloc[first])
-            counts: dict[str, Any] = {"count": where.sum(), "total": len(rows)}
-            problems.append(Problem.stated(key, FILE, rows[first], name, value, impact=impact, **counts))
+        for first in np.flatnonzero(where)[:1]:
+            counts = {"count": where.sum(), "total": len(table)}
+            problems.append(columns[name].problem(first, key, value=float(table[name].iloc[first]), **counts))
     return problems
 
 

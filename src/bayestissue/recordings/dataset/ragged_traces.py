@@ -252,10 +252,8 @@ def at_limit(
         return clipped
     with np.errstate(all="ignore"):
         if stated is not None:
-            low, high = (
-                limit * (1 - np.copysign(LIMITS.same, limit * side))
-                for limit, side in zip(stated, (-1, 1), strict=True)
-            )
+            ends = np.array(stated)
+            low, high = ends * (1 - np.copysign(LIMITS.same, ends * [-1, 1]))
             return (value >= high).astype(np.int8) - (value <= low).astype(np.int8)
         for sign in (1, -1):
             limit = _shared(traces, sign)

@@ -59,9 +59,8 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False, whole: bool = Fals
     """
     folder = Path(path)
     if not folder.is_dir():
-        raise InputError.stated(
-            "no-dataset.folder", str(path), value="a file" if folder.exists() else "no such folder"
-        )
+        found = "a file" if folder.exists() else "no such folder"
+        raise InputError.stated("no-dataset.folder", str(path), value=found)
     impacts = _impacts_file(folder)
 
     def named(problem: Problem) -> Problem:
@@ -242,11 +241,9 @@ def _impacts_file(folder: Path) -> Path:
         InputError: there are both.
     """
     text, workbook = folder / IMPACTS, folder / WORKBOOK
-    if not workbook.is_file():
-        return text
-    if text.is_file():
+    if text.is_file() and workbook.is_file():
         raise InputError.stated("which-impacts", WORKBOOK, value="both")
-    return workbook
+    return workbook if workbook.is_file() else text
 
 
 def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayestissue.base.errors import InputError, Problem, all_of, refuse
+from bayestissue.base.errors import InputError, Problem, refuse
 from bayestissue.recordings.dataset.cells import number_in
 from bayestissue.recordings.dataset.clock_times import within_a_day
 from bayestissue.recordings.dataset.dataset_file import ChannelSettings, Settings, SignalSettings
@@ -68,37 +68,24 @@ def read_recordings(folder: Path, table: ImpactTable, settings: Settings) -> lis
             than one, or one beside a column ``trace``.
     """
     impacts = table.table["impact"].tolist()
-    path = _long_table(folder, in_files="trace" in table.table)
-
-    def read(signal: SignalSettings, first: SignalSettings | None = None) -> Reading:
-        if path is None:
-            return read_files(folder, table, signal, first)
-        return _read_long(path, impacts, signal, first)
-
-    def read_further(channel: ChannelSettings) -> Reading:
-        signal = channel.as_signal(settings.signal)
-        if channel.file is not None:
-            return on_first_clock(_read_long(folder / channel.file, impacts, signal), channel)
-        return on_first_clock(read(signal, settings.signal), channel)
-
-    return [read(settings.signal), *all_of(read_further, settings.channel)]
+    path, first = _long_table(folder, in_files="trace" in table.table), settings.signal
+    read = partial(_read_long, path, impacts) if path else partial(read_files, folder, table)
+    readings = [read(first)]
+    for channel in settings.channel:
+        signal, own = channel.as_signal(first), channel.file
+        reading = _read_long(folder / own, impacts, signal) if own else read(signal, first)
+        readings.append(on_first_clock(reading, channel))
+    return readings
 
 
 def _long_table(folder: Path, *, in_files: bool) -> Path | None:
     """The one table of all samples; None where each impact has a file, beside which there must be none."""
-    paths = [folder / name for name in LONG_TABLES if (folder / name).exists()]
-    if in_files:
-        if paths:
-            value = f"{paths[0].name} beside a column trace in impacts.csv"
-            raise InputError.stated("which-recordings.both", paths[0].name, value=value)
-        return None
-    if len(paths) > 1:
-        listed = ", ".join(path.name for path in paths)
-        raise InputError.stated("which-recordings.several", paths[0].name, value=listed)
-    if not paths:
-        tables, value = ", ".join(LONG_TABLES), "no table of samples"
-        raise InputError.stated("which-recordings.no-table", LONG_TABLES[0], value=value, tables=tables)
-    return paths[0]
+    names = [name for name in LONG_TABLES if (folder / name).exists()]
+    if len(names) + in_files != 1:
+        there = [*names, "a column trace in impacts.csv"] if in_files else names
+        words = {"value": ", ".join(there) or "no table of samples", "tables": ", ".join(LONG_TABLES)}
+        raise InputError.stated("which-recordings.tables", (names or LONG_TABLES)[0], **words)
+    return folder / names[0] if names else None
 
 
 def on_first_clock(reading: Reading, channel: ChannelSettings) -> Reading:
@@ -245,15 +232,12 @@ def _require_apart(
 def _inside(folder: Path, name: str, row: int) -> Source:
     if not name:
         raise InputError.stated("which-recordings.none", "impacts.csv", row, "trace", "an empty cell")
-    try:
-        path = (folder / name).resolve()
-        outside = Path(name).is_absolute() or not path.is_relative_to(folder.resolve())
-    except (OSError, ValueError, RuntimeError):
-        outside = True
-    if outside:
-        raise InputError.stated("which-recordings.outside", "impacts.csv", row, "trace", name)
     remedy = "Correct the cell in column trace of impacts.csv, or put the file there."
-    return Source.at(path, name, remedy=remedy)
+    with suppress(OSError, ValueError, RuntimeError):
+        path = (folder / name).resolve()
+        if path.is_relative_to(folder.resolve()) and not Path(name).is_absolute():
+            return Source.at(path, name, remedy=remedy)
+    raise InputError.stated("which-recordings.outside", "impacts.csv", row, "trace", name)
 
 
 def read_recording(source: Source, signal: SignalSettings, first: SignalSettings | None = None) -> Channel:
@@ -307,10 +291,7 @@ def contents_of(source: Source) -> Contents:
         InputError: the file is missing, damaged or of an unknown format.
     """
     form = _format_of(source)
-    if form is not None:
-        return _contents(source, form)
-    table = read_table(source, numbers=None)
-    return replace(table, channels={name: _whole(name, table.channels[name]) for name in table.channels})
+    return read_table(source, numbers=None) if form is None else _contents(source, form)
 
 
 def _format_of(source: Source) -> Format | None:
@@ -345,13 +326,6 @@ def is_text_of_numbers(path: Path) -> bool:
     return len(lines) >= MIN_SAMPLES and numbers > 0.8 * len(cells)
 
 
-def _whole(name: str, column: Channel) -> Channel:
-    """A column with its unit, without empty cells behind its end, where others of the table are longer."""
-    count = int(np.flatnonzero(np.isfinite(column.values))[-1]) + 1
-    clock = None if column.clock is None else column.clock[:count]
-    return replace(column, values=column.values[:count], clock=clock, unit=column.unit or unit_in_name(name))
-
-
 def long_enough(channels: Mapping[str, Channel]) -> list[str]:
     """The channels that can be recordings of an impact: `MIN_SAMPLES` samples or more."""
     return [name for name, channel in channels.items() if channel.values.size >= MIN_SAMPLES]
@@ -365,8 +339,7 @@ def _contents(source: Source, form: Format) -> Contents:
         try:
             contents = form.read(data, label)
         except UnfitError as error:
-            words = {"expected": error.expected, "remedy": error.remedy}
-            raise InputError.stated("recorder-file", label, value=error.value, **words) from None
+            raise InputError.stated(error.key, label, value=error.value, **error.words) from None
     if not source.part:
         return contents
     blocks = contents.blocks or (contents,)
@@ -426,8 +399,6 @@ def at_own_clock(
         return contents, signal
     if name == first.time_column:
         name = _own_clock(contents, signal, first, label)
-    if name not in columns:
-        return contents, signal
     times = _as_beside(columns[name], name, shared, first)
     contents = replace(contents, channels=columns | {name: times})
     return contents, signal.model_copy(update={"time_column": name})

@@ -51,17 +51,12 @@ class Samples(Traces):
     @classmethod
     def joined(cls, parts: Sequence[Samples], signal: SignalSettings) -> Samples:
         """Those of several impacts, each by itself, end to end."""
-        flat, numbers = Traces.of(parts), [np.empty(0, int)]
-        impact, row = (
-            np.concatenate([*numbers, *(getattr(part, name) for part in parts)]) for name in ("impact", "row")
-        )
-        texts = (
-            (int(at) + i, words)
-            for at, part in zip(flat.start, parts, strict=False)
-            for i, words in part.text.items()
-        )
-        files, columns = [part.file[0] for part in parts], (signal.time_column, signal.value_column)
-        return cls(flat.time_s, flat.value, flat.start, impact, files, row, *columns, dict(texts))
+        flat, columns = Traces.of(parts), (signal.time_column, signal.value_column)
+        impact, files = np.array([part.impact[0] for part in parts], int), [part.file[0] for part in parts]
+        row = np.concatenate([np.empty(0, int), *(part.row for part in parts)])
+        begins = zip(flat.start.tolist(), parts, strict=False)
+        text = {at + index: part.text[index] for at, part in begins for index in part.text}
+        return cls(flat.time_s, flat.value, flat.start, impact, files, row, *columns, text)
 
     def taken(self, samples: np.ndarray, rows: np.ndarray, count: np.ndarray) -> Self:
         """These samples of these recordings, so many of each, in order."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -20,7 +20,7 @@ from bayestissue.base.results.tables import as_written
 from bayestissue.recordings.dataset import clock_times
 from bayestissue.recordings.dataset.cells import column_problems, ragged_problem
 from bayestissue.recordings.dataset.dialect import CLOCK, Dialect, TextTable, text_table
-from bayestissue.recordings.dataset.formats.channel import Channel, Contents, Labels, even_clock
+from bayestissue.recordings.dataset.formats.channel import Channel, Contents, Labels, even_clock, unit_in_name
 from bayestissue.recordings.dataset.source_files import Source, decoded, error_line, require_small
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
@@ -43,7 +43,8 @@ def read_table(
 
     Args:
         source: the file.
-        numbers: columns that hold numbers; if None, all in which at least half of the filled cells do.
+        numbers: columns that hold numbers; if None, all in which at least half of the filled cells do, each
+            with the unit that its name has, and as far as it is filled.
         labels: columns that hold names.
         optional: which further columns of numbers are read where they are there, by the names of all; of no
             names, those by which the line of names is found.
@@ -68,14 +69,21 @@ def read_table(
     table = replace(parse(names, labels), columns=tuple(present))
     if numbers is not None:
         return table
-    filled = {name: column for name, column in table.channels.items() if _holds_numbers(column)}
-    return replace(table, channels=filled)
+    columns = {name: _whole(name, c) for name, c in table.channels.items() if _holds_numbers(c)}
+    return replace(table, channels=columns)
 
 
 def _holds_numbers(column: Channel) -> bool:
     """Whether at least half of the filled cells hold a number, and any does."""
     numbers = int(np.count_nonzero(np.isfinite(column.values)))
     return numbers > 0 and numbers >= sum(bool(text.strip()) for text in column.text.values())
+
+
+def _whole(name: str, column: Channel) -> Channel:
+    """A column with its unit, without empty cells behind its end, where others of the table are longer."""
+    count = int(np.flatnonzero(np.isfinite(column.values))[-1]) + 1
+    clock = None if column.clock is None else column.clock[:count]
+    return replace(column, values=column.values[:count], clock=clock, unit=column.unit or unit_in_name(name))
 
 
 def _parse_text(
@@ -85,7 +93,7 @@ def _parse_text(
     wanted = [*labels, *numbers]
     refuse(column_problems(label, text.names, wanted, text.dialect.header_row, stated=True))
     if re.search(rb"\S", text.body) is None:
-        raise InputError(_no_rows(label))
+        raise InputError.stated("no-rows.table", label, value="no rows")
     lines = int(np.count_nonzero(np.frombuffer(text.body, np.uint8) == ord("\n")))
     require_small(8 * lines * len(wanted), label)
     types: dict[str, pa.DataType] = dict.fromkeys(labels, pa.dictionary(pa.int32(), pa.string()))
@@ -101,7 +109,7 @@ def _parse_text(
             raise InputError.stated("cells-in-a-row.table", label, value=error_line(error)) from error
         columns = {name: _sifted(table[name].combine_chunks(), text.dialect) for name in numbers}
     if not table.num_rows:
-        raise InputError(_no_rows(label))
+        raise InputError.stated("no-rows.table", label, value="no rows")
     units = dict(zip(text.names, text.units, strict=True))
     start, step = text.clock or (0.0, 0.0)
     clock = even_clock(step, start, table.num_rows)
@@ -113,16 +121,13 @@ def _parse_text(
     )
 
 
-def _no_rows(label: str) -> Problem:
-    return Problem.stated("no-rows.table", label, value="no rows")
-
-
 def _parse(text: TextTable, label: str, types: dict[str, pa.DataType], least: int) -> pa.Table:
     """The columns of a text whose rows have the ``least`` cells or more; those that lack are empty."""
     ragged: list[tuple[int, int, str]] = []
+    dialect = text.dialect
 
     def note(row: pa_csv.InvalidRow) -> str:
-        ragged.append((row.number - 1 + text.dialect.first_row, row.actual_columns, row.text))
+        ragged.append((row.number - 1 + dialect.first_row, row.actual_columns, row.text))
         return "skip"
 
     table = pa_csv.read_csv(
@@ -133,14 +138,11 @@ def _parse(text: TextTable, label: str, types: dict[str, pa.DataType], least: in
             delimiter=text.delimiter, ignore_empty_lines=False, invalid_row_handler=note
         ),
         convert_options=pa_csv.ConvertOptions(
-            column_types=types,
-            include_columns=list(types),
-            null_values=[""],
-            decimal_point=text.dialect.decimal,
+            column_types=types, include_columns=list(types), null_values=[""], decimal_point=dialect.decimal
         ),
     )
     if wrong := [row for row in ragged if not least <= row[1] < len(text.names)]:
-        header = text.dialect.header_row
+        header = dialect.header_row
         raise InputError(ragged_problem(label, len(text.names), wrong, text.delimiter, header))
     if ragged:
         return _parse(_filled_up(text), label, types, len(text.names))
@@ -185,7 +187,7 @@ def _parse_parquet(
     data: bytes, schema: pa.Schema, label: str, numbers: Sequence[str], labels: Sequence[str]
 ) -> Contents:
     wanted = [*labels, *numbers]
-    refuse([*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)])
+    refuse(column_problems(label, schema.names, wanted) or _type_problems(label, schema, numbers, labels))
     # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
     once = [name for name in labels if _is_text(schema.field(name).type)]
     with decoded("parquet", label):
@@ -194,13 +196,8 @@ def _parse_parquet(
         table = file.read(columns=wanted)
         table.validate(full=True)
         _require_whole(file.metadata, wanted)
-    refuse(
-        Problem.stated("column-type.numbers", label, column=name, value=str(table[name].type))
-        for name in numbers
-        if not _numeric(table[name].type)
-    )
     if not table.num_rows:
-        raise InputError(_no_rows(label))
+        raise InputError.stated("no-rows.table", label, value="no rows")
     channels = {name: _parquet_numbers(table[name]) for name in numbers}
     return Contents(channels, FIRST_ROW, labels={name: _labels(table[name]) for name in labels})
 
@@ -209,15 +206,19 @@ def _is_text(kind: pa.DataType) -> bool:
     return pa.types.is_string(kind) or pa.types.is_large_string(kind)
 
 
-def _no_names(label: str, schema: pa.Schema, labels: Sequence[str]) -> list[Problem]:
-    """Columns of names that hold something else than text or whole numbers."""
-    types = {name: schema.field(name).type for name in labels if schema.names.count(name) == 1}
-    kinds = {n: kind.value_type if pa.types.is_dictionary(kind) else kind for n, kind in types.items()}
-    return [
-        Problem.stated("column-type.names", label, column=name, value=str(types[name]))
-        for name, kind in kinds.items()
-        if not (_is_text(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind))
-    ]
+def _type_problems(
+    label: str, schema: pa.Schema, numbers: Sequence[str], labels: Sequence[str]
+) -> Iterator[Problem]:
+    """Columns of numbers that hold something else, and columns of names that hold neither text nor counts."""
+    for key, names, fits in (("numbers", numbers, _numeric), ("names", labels, _of_names)):
+        for name in names:
+            if not fits(kind := schema.field(name).type):
+                yield Problem.stated(f"column-type.{key}", label, column=name, value=str(kind))
+
+
+def _of_names(kind: pa.DataType) -> bool:
+    kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+    return _is_text(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind)
 
 
 def _require_whole(metadata: pq.FileMetaData, wanted: list[str]) -> None:
@@ -260,4 +261,4 @@ def _labels(column: pa.ChunkedArray, spelling: Callable[[str], str] = str) -> La
     single = single.chunk(0) if isinstance(single, pa.ChunkedArray) else single
     names = [spelling((name or "").strip()) for name in single.dictionary.to_pylist()]
     codes = single.indices.fill_null(len(names)).to_numpy(zero_copy_only=False)
-    return Labels.distinct(codes, [*names, ""])
+    return Labels(codes, [*names, ""])

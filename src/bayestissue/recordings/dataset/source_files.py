@@ -8,7 +8,6 @@ import gzip
 import io
 import os
 import re
-import stat
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -154,12 +153,12 @@ class Source:
         """
         path, label = self.path, self.label
         try:
-            status = path.stat()
-            if not stat.S_ISREG(status.st_mode):
-                kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, a pipe or the like"
+            size = path.stat().st_size
+            if not path.is_file():
+                kind = "a folder" if path.is_dir() else "a device, a pipe or the like"
                 raise InputError.stated("unreadable-file.kind", label, value=kind, remedy=self.remedy)
-            require_small(status.st_size, label, share=share)
-            if path.suffix == ".gz" and status.st_size:
+            require_small(size, label, share=share)
+            if path.suffix == ".gz" and size:
                 with gzip.open(path) as packed:
                     data = packed.read(int(largest()) + 1)
                 require_small(len(data), label)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.base.declarations import sentences
 from bayestissue.base.errors import InputError, Problem, collected, refuse
 from bayestissue.base.outline import counted, first_of
 from bayestissue.recordings.dataset import Dataset, Trace, read_dataset, write_dataset
@@ -26,7 +25,7 @@ from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES
 from bayestissue.recordings.dataset.recorders import read_one
 from bayestissue.recordings.dataset.recordings import CROP, ends_of
 from bayestissue.recordings.dataset.source_files import Source
-from bayestissue.recordings.intake.choices import PLACES, Choices, Cutting, require_steady
+from bayestissue.recordings.intake.choices import PLACES, Choices, Cutting, require_steady, said
 from bayestissue.recordings.intake.facts import Facts
 from bayestissue.recordings.intake.folder import RecorderFile, RecorderFolder
 from bayestissue.recordings.signal.displacement import Displacements, displacements
@@ -35,21 +34,16 @@ from bayestissue.recordings.signal.signal_settings import CONTACT
 
 RECORDINGS = "recordings"
 FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
-said = sentences(__package__)
 _OPTIONS = {
     **{place: f"--{name.replace('_', '-')}" for name, place in PLACES.items()},
     **{f"signal.{key}": f"--text {key}" for key in Stated.model_fields},
 }
 # Of a key of dataset.toml in a sentence: there is no such file yet.
 _NAMES = {
-    words: other
+    before + key + where: f"by {option}" if before else option
     for key, option in _OPTIONS.items()
     if "." in key
-    for words, other in (
-        (f"as {key} in {SETTINGS}", f"by {option}"),
-        (f"{key} in {SETTINGS}", option),
-        (key, option),
-    )
+    for before, where in (("as ", f" in {SETTINGS}"), ("", f" in {SETTINGS}"), ("", ""))
 }
 
 
@@ -283,11 +277,8 @@ class _Plan:
             found = counted(len(stretches), "impact")
             raise InputError.stated(key, file.name, value=found, count=len(numbers))
         return [
-            {
-                **self.facts.of_number.get((file.name, number), common),
-                CROP[0]: max(start, first),
-                CROP[1]: min(stop, last),
-            }
+            self.facts.of_number.get((file.name, number), common)
+            | {CROP[0]: max(start, first), CROP[1]: min(stop, last)}
             for number, (start, stop) in enumerate(stretches, 1)
         ]
 
@@ -345,14 +336,9 @@ def cut(
     if not moments.size:
         return []
     gap = np.flatnonzero(np.diff(moments) >= separation_s)
-    starts, ends = np.append(moments[:1], moments[gap + 1]), np.append(moments[gap], moments[-1:])
-    return list(
-        zip(
-            (starts - Cutting.before * separation_s).round(Cutting.digits).tolist(),
-            (ends + Cutting.after * separation_s).round(Cutting.digits).tolist(),
-            strict=True,
-        )
-    )
+    starts = np.append(moments[:1], moments[gap + 1]) - Cutting.before * separation_s
+    ends = np.append(moments[gap], moments[-1:]) + Cutting.after * separation_s
+    return [(start, stop) for start, stop in np.stack([starts, ends], axis=1).round(Cutting.digits).tolist()]
 
 
 def _loud(trace: Trace, threshold: float) -> np.ndarray:

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import pandas as pd
 from pydantic import Field
 
+from bayestissue.base.declarations import sentences
 from bayestissue.base.errors import InputError, Problem, refuse
 from bayestissue.base.settings import Argument, TomlTable, argument, checked
 from bayestissue.recordings.dataset.cells import is_height
@@ -26,23 +27,13 @@ from bayestissue.recordings.intake.folder import ChannelSummary, RecorderFile, R
 
 _VOLTS = {"V", "mV", "Volt", "Volts", "volt", "volts"}
 _TIME = re.compile(rf"{TIME}\b|time_|seconds_elapsed", re.IGNORECASE)
-# What impacts.csv needs: what it is, and an example.
-_NEEDED = {
-    "subject": ("who was hit", "s01"),
-    "mass_kg": ("mass of the impactor, kg", "2.1"),
-    "velocity_m_s": ("velocity at contact, m/s, or drop_height_m instead", "1.5"),
-}
-_FALLS = (
-    "how it moves at contact: straight down (drop), or across gravity, as a pendulum at its lowest point "
-    "does (none)"
-)
-_IMPACT = "the channel with the impact"
-_RECORDED = "what it recorded (a deceleration is positive while the impactor slows)"
+said = sentences(__package__)
+# What impacts.csv needs, with an example.
+_NEEDED = {"subject": "s01", "mass_kg": "2.1", "velocity_m_s": "1.5"}
 # What a force can stand beside, and names of channels of a sensor below the tissue.
 BESIDE_FORCE = ("deceleration", "acceleration")
 _BELOW = re.compile(r"base|plate|platform|floor|ground|below", re.IGNORECASE)
 _SHOWN = 8
-_ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
 @dataclass(frozen=True)
@@ -197,14 +188,6 @@ class MissingFact:
             raise InputError.stated("option-value.rate", self.option, value=text) from None
 
 
-_OF_TABLE = MissingFact(
-    "--pattern",
-    "who was hit: name a column of the table subject, or say where names of files have it",
-    (),
-    "{subject}_{n}",
-)
-
-
 def settle(
     choices: Choices, recordings: RecorderFolder, facts: frozenset[str]
 ) -> tuple[Choices, list[MissingFact]]:
@@ -230,7 +213,7 @@ def settle(
             names = ", ".join(channels)
             raise InputError.stated("no-channel.option", f"--{option}", value=name, names=names)
     force = _force_channel(choices, recordings)
-    choices, questions = _answered(choices, "channel", _one_of(values, "--channel", _IMPACT))
+    choices, questions = _answered(choices, "channel", _one_of(values, "channel"))
     named = choices.stated("channel")
     chosen = channels[named] if named else [channel for name in values for channel in channels[name]]
     rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
@@ -262,7 +245,7 @@ def _measured(choices: Choices, chosen: Sequence[ChannelSummary]) -> tuple[Choic
     if unit is None and quantity in DIMENSIONS and quantity not in possible:
         can_be = {"unit": ", ".join(sorted(units)), "possible": " or ".join(possible)}
         raise InputError.stated("option-value.quantity", "--quantity", value=quantity, **can_be)
-    choices, questions = _answered(choices, "quantity", _one_of(possible, "--quantity", _RECORDED))
+    choices, questions = _answered(choices, "quantity", _one_of(possible, "quantity"))
     quantity = choices.stated("quantity")
     dimensions = list(dict.fromkeys(DIMENSIONS[name] for name in possible))
     if quantity is not None:
@@ -280,14 +263,14 @@ def _measured(choices: Choices, chosen: Sequence[ChannelSummary]) -> tuple[Choic
 def _facts_wanted(choices: Choices, facts: frozenset[str], *, several: bool) -> Iterator[MissingFact]:
     """What neither names nor a table nor options say of each recording; ``several`` are there."""
     optional = ["velocity_m_s"] if choices.stated("quantity") == "displacement" else []
-    for name, (what, example) in _NEEDED.items():
+    for name, example in _NEEDED.items():
         if name == "subject" and choices.table is not None and several and name not in facts:
             # One name for all of the people of a table is nobody's answer.
-            yield _OF_TABLE
+            yield MissingFact("--pattern", said("questions.pattern"), (), "{subject}_{n}")
         elif name not in facts and name not in optional:
-            yield MissingFact(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
+            yield MissingFact(f"--set {name}=", said(f"questions.{name}"), (), example)
     if choices.stated("gravity") is None and any(map(is_height, facts)):
-        yield MissingFact("--gravity", _FALLS, ("drop", "none"), "drop")
+        yield _asked_of(["drop", "none"], "gravity")
 
 
 def people_twice(pattern: str | None, facts: Facts) -> list[MissingFact]:
@@ -300,14 +283,18 @@ def people_twice(pattern: str | None, facts: Facts) -> list[MissingFact]:
             continue
         one = pattern.replace(f"{{{name}}}", next(f"{{{w}}}" for w in WITHIN if f"{{{w}}}" not in pattern))
         two = pattern.replace("{subject}", f"{{subject:{name}}}")
-        what = f"{person} is in {' and in '.join(levels)}: one person or two? In this order"
+        what = said("questions.person", person=person, levels=" and in ".join(levels))
         return [MissingFact("--pattern", what, (one, two), two)]
     return []
 
 
-def _one_of(answers: Sequence[str], option: str, what: str) -> str | MissingFact:
+def _one_of(answers: Sequence[str], option: str) -> str | MissingFact:
     """The only answer that is possible, or the question which of them it is."""
-    return answers[0] if len(answers) == 1 else MissingFact(option, what, tuple(answers), answers[0])
+    return answers[0] if len(answers) == 1 else _asked_of(answers, option)
+
+
+def _asked_of(answers: Sequence[str], option: str) -> MissingFact:
+    return MissingFact(f"--{option}", said(f"questions.{option}"), tuple(answers), answers[0])
 
 
 def _values_among(channels: Mapping[str, Sequence[ChannelSummary]], time: str | None) -> list[str]:
@@ -340,10 +327,10 @@ def _time(channels: Mapping[str, Sequence[ChannelSummary]], channel: str | None)
         before = [name for name in names[: names.index(channel)] if name in times] if channel else []
         if before and not any(one in times and other in times for one, other in pairwise(names)):
             return before[-1]
-        return _one_of(times, "--time", "the channel with the times")
+        return _one_of(times, "time")
     if rising := _rising_among(channels):
-        return MissingFact("--time", "the channel with the times", tuple(rising), rising[0])
-    return MissingFact("--rate-hz", "the sampling rate in Hz", (), "10000")
+        return _asked_of(rising, "time")
+    return MissingFact("--rate-hz", said("questions.rate_hz"), (), "10000")
 
 
 def _stated_kind(choices: Choices, units: set[str]) -> str:
@@ -357,13 +344,11 @@ def _stated_kind(choices: Choices, units: set[str]) -> str:
 
 def _which_unit(units: set[str], kind: str, dimensions: Sequence[Dimension]) -> MissingFact:
     """The question for the unit of the values, and for a scale where the files state volts or the like."""
-    remark, example = "", "mm" if dimensions == ["length"] else "g"
-    if kind in ("other", "voltage"):
-        stated = ", ".join(sorted(unit for unit in units if unit))
-        remark = f" (the files state {stated}: give --scale too, by what {stated} is turned into it)"
-        example = "mm" if dimensions == ["length"] else "m/s^2"
+    to_scale, stated = kind in ("other", "voltage"), ", ".join(sorted(filter(None, units)))
+    example = "mm" if dimensions == ["length"] else "m/s^2" if to_scale else "g"
     examples = " or ".join(EXAMPLES[dimension] for dimension in dimensions)
-    return MissingFact("--unit", f"its unit after scale and offset{remark}, {examples}", (), example)
+    what = said("questions.scaled_unit" if to_scale else "questions.unit", stated=stated, examples=examples)
+    return MissingFact("--unit", what, (), example)
 
 
 def forces_among(recordings: RecorderFolder) -> list[str]:
@@ -379,23 +364,23 @@ def forces_among(recordings: RecorderFolder) -> list[str]:
 
 def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, Any]:
     """The table ``[[channel]]`` of a force beside the motion, by its unit or as was said."""
-    said = choices.force
-    if said == "none" or choices.stated("quantity") not in (None, *BESIDE_FORCE):
+    force = choices.force
+    if force == "none" or choices.stated("quantity") not in (None, *BESIDE_FORCE):
         return {}
     candidates = recordings.candidates()
     forces = [name for name in forces_among(recordings) if name != choices.stated("channel")]
-    name = _in_full(said.get("value_column"), candidates)
+    name = _in_full(force.get("value_column"), candidates)
     if name is None and len(forces) == 1:
         name = forces[0]
     if name not in candidates:
-        if not said:
+        if not force:
             return {}
         value = name or "no value_column"
         raise InputError.stated("no-channel.option", "--force", value=value, names=", ".join(candidates))
     place = "base" if _BELOW.search(name) else "impactor"
     defaults = {"name": "force", "quantity": "force", "place": place}
     unit = _unit(candidates[name], ["force"])
-    return defaults | ({"unit": unit} if unit else {}) | said | {"value_column": name}
+    return defaults | ({"unit": unit} if unit else {}) | force | {"value_column": name}
 
 
 def _in_full(name: str | None, names: Collection[str]) -> str | None:

@@ -54,14 +54,10 @@ class RisingSteps:
             return None
         usual = float(np.median(step[step > 0]))
         low, high = np.quantile(step[step > 0], [0.05, 0.95])
-        gap = np.flatnonzero(step > max(1.5 * usual, usual + 1.5 * (high - low)))
-        return cls(
-            float(np.mean(step)),
-            usual,
-            float(step.max()),
-            bool(step.min() > 0 and step.max() < 1.5 * np.median(step)),
-            first_row + int(gap[0]) + 1 if gap.size else None,
-        )
+        gaps = np.flatnonzero(step > max(1.5 * usual, usual + 1.5 * (high - low)))
+        gap = first_row + int(gaps[0]) + 1 if gaps.size else None
+        rises = bool(step.min() > 0 and step.max() < 1.5 * np.median(step))
+        return cls(float(np.mean(step)), usual, float(step.max()), rises, gap)
 
 
 @dataclass(frozen=True)
@@ -161,12 +157,9 @@ def look(
     wanted = next(filter(None, sorted_out), []) or [path for path in paths if is_text_of_numbers(path)]
     if not wanted:
         ends = ", ".join(sorted({suffix_of(path) or path.name for path in paths})[:10])
-        raise InputError.stated(
-            "no-recordings.files",
-            str(folder),
-            value=f"files ending in {ends}" if paths else "no files",
-            endings=suffix or ", ".join((*SUFFIXES, *TEXT_SUFFIXES)),
-        )
+        found = f"files ending in {ends}" if paths else "no files"
+        endings = suffix or ", ".join((*SUFFIXES, *TEXT_SUFFIXES))
+        raise InputError.stated("no-recordings.files", str(folder), value=found, endings=endings)
     files: list[RecorderFile] = []
     problems: list[tuple[Source, Problem]] = []
     passed_over: dict[str, list[str]] = {}
@@ -192,14 +185,10 @@ def _listed(source: Source, contents: Contents) -> list[RecorderFile]:
 
 
 def _summaries(contents: Contents) -> dict[str, ChannelSummary]:
+    channels, first = contents.channels.items(), contents.first_row
+    steps = {name: RisingSteps.from_values(c.values, first) for name, c in channels}
     return {
-        key: ChannelSummary(
-            channel.unit,
-            channel.values.size,
-            channel.clock is not None,
-            RisingSteps.from_values(channel.values, contents.first_row),
-        )
-        for key, channel in contents.channels.items()
+        name: ChannelSummary(c.unit, c.values.size, c.clock is not None, steps[name]) for name, c in channels
     }
 
 

@@ -1,5 +1,9 @@
-"""The formats that recorders write. A new one is a module with records `Format`, and two lines here."""
+"""The formats that recorders write. A new one is a module that reads it, two lines here and one in the TOML.
 
+``formats.toml`` says what each is called, how its files' names end, and what its times and values are.
+"""
+
+from bayestissue.base.declarations import declared
 from bayestissue.recordings.dataset.formats import (
     biopac,
     c3d,
@@ -9,12 +13,13 @@ from bayestissue.recordings.dataset.formats import (
 )
 from bayestissue.recordings.dataset.formats.channel import Format
 
-# In the order in which the manual shows them.
-EACH = (
-    *labview.FORMATS,
-    *mat.FORMATS,
-    *c3d.FORMATS,
-    *biopac.FORMATS,
-    *hdf5.FORMATS,
-)
+READERS = {
+    "lvm": labview.read_lvm,
+    "tdms": labview.read_tdms,
+    "mat": mat.read,
+    "c3d": c3d.read,
+    "acq": biopac.read,
+    "hdf5": hdf5.read,
+}
+EACH = [Format(read=READERS[key], **entry) for key, entry in declared(__package__, "formats.toml").items()]
 FORMATS: dict[str, Format] = {suffix: form for form in EACH for suffix in form.suffixes}

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from bayestissue.recordings.dataset.formats.channel import (
+    CUT_OFF,
     Channel,
     Contents,
-    Format,
     UnfitError,
     clock_of,
     unique,
@@ -29,18 +29,14 @@ def read(data: bytes, label: str) -> Contents:
     try:
         from bioread.reader import Reader
     except ImportError:
-        raise UnfitError(
-            "the library bioread, which reads Biopac files",
-            'Install it: pip install "bayestissue[biopac]".',
-            "none installed",
-        ) from None
+        raise UnfitError("recorder-file.library", "none installed") from None
     # What is wrong is said once, by whoever called.
     logging.getLogger("bioread").setLevel(logging.CRITICAL)
     headers = Reader.read_headers(io.BytesIO(data))
     if headers.datafile is None or headers.data_length is None:
         raise ValueError("no AcqKnowledge file, or one whose header is damaged")
     if not headers.is_compressed and headers.data_start_offset + headers.data_length > len(data):
-        raise UnfitError.cut_off("all samples that its header states")
+        raise UnfitError("recorder-file.cut-off", CUT_OFF, expected="all samples that its header states")
     require_small(8.0 * sum(channel.point_count for channel in headers.datafile.channels), label)
     recorded = Reader.read(io.BytesIO(data)).datafile.channels
     names = unique((channel.name.strip() for channel in recorded), "channel")
@@ -50,14 +46,3 @@ def read(data: bytes, label: str) -> Contents:
 def _channel(channel: Any) -> Channel:
     values, rate = np.asarray(channel.data, dtype=np.float64), float(channel.samples_per_second)
     return Channel(values, clock_of(rate, values.size), channel.units.strip())
-
-
-FORMATS = (
-    Format(
-        "Biopac AcqKnowledge",
-        (".acq",),
-        read,
-        time="from 0 s at the channel's rate",
-        value='the channel `value_column`; needs `pip install "bayestissue[biopac]"`',
-    ),
-)

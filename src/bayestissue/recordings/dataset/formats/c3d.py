@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from bayestissue.recordings.dataset.formats.channel import (
+    CUT_OFF,
     Channel,
     Contents,
-    Format,
     UnfitError,
     clock_of,
     unique,
@@ -84,11 +84,7 @@ def read(data: bytes, label: str) -> Contents:
     samples = header.samples if header.samples and not header.analog % header.samples else 0
     count = header.analog // samples if samples else 0
     if not count and not header.points:
-        raise UnfitError(
-            "analog channels, or markers",
-            "Export the recording with its analog data: the accelerometer's, or a force plate's.",
-            "neither",
-        )
+        raise UnfitError("recorder-file.no-channels", "neither")
     frames = _frames(header, stated)
     unsigned = "".join(stated.texts("ANALOG", "FORMAT", 1)).upper().startswith("UNSIGNED")
     stored = np.dtype(f"{order}{'f4' if header.scale < 0 else 'u2' if unsigned else 'i2'}")
@@ -97,7 +93,7 @@ def read(data: bytes, label: str) -> Contents:
     require_small(8.0 * frames * (header.analog or 3 * header.points), label)
     begin = BLOCK * (header.data_block - 1)
     if begin < BLOCK or begin + frames * words * stored.itemsize > len(data):
-        raise UnfitError.cut_off(f"{frames} frames, as its header states")
+        raise UnfitError("recorder-file.cut-off", CUT_OFF, expected=f"{frames} frames, as its header states")
     table = np.frombuffer(data, stored, frames * words, begin).reshape(frames, words)
     points, analog = np.split(table, [COORDINATES * header.points], axis=1)
     if not count:
@@ -145,11 +141,8 @@ def _parameters(data: bytes) -> tuple[str, _Parameters]:
     """The order of bytes, and the parameters."""
     at = BLOCK * (data[0] - 1)
     if data[0] < 1 or data[at + 3] not in _ORDERS:
-        raise UnfitError(
-            "a C3D file of an Intel or MIPS computer",
-            "Convert the file: any recent program writes it anew in Intel format.",
-            "one of a DEC computer" if data[at + 3] == 85 else "another kind of file",
-        )
+        found = "one of a DEC computer" if data[at + 3] == 85 else "another kind of file"
+        raise UnfitError("recorder-file.computer", found)
     order, end = _ORDERS[data[at + 3]], min(at + BLOCK * data[at + 2], len(data))
     groups: dict[int, str] = {}
     values: dict[tuple[int, str], np.ndarray] = {}
@@ -173,15 +166,3 @@ def _parameters(data: bytes) -> tuple[str, _Parameters]:
             break
         at = step_at + step
     return order, _Parameters({(groups.get(group, ""), name): v for (group, name), v in values.items()})
-
-
-FORMATS = (
-    Format(
-        "C3D, motion capture",
-        (".c3d",),
-        read,
-        time="from 0 s at the rate `ANALOG:RATE`",
-        value="the analog channel `value_column`, scaled as the file says; of a file without any, the "
-        "coordinate of a marker, such as `HAMR.z`, in `POINT:UNITS` at `POINT:RATE`",
-    ),
-)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Self
 
 import numpy as np
 from jaxtyping import Float64, Int
 
 from bayestissue.recordings.dataset.dialect import Dialect
 
+# What is found of a file that was cut short.
+CUT_OFF = "an end that is missing"
 # "Impact (m/s^2)", "Impact [g]": text tables have no other place for a unit.
 # A name that stands there twice has its column behind, and a run its number.
 _UNIT_IN_NAME = re.compile(r".*[(\[]([^()\[\]]+)[)\]]\s*")
@@ -57,18 +58,11 @@ class Labels:
 
     Attributes:
         codes: for every row the index into ``names``.
-        names: the distinct names, in order of appearance.
+        names: in order of appearance; two may be alike that a file writes with other spaces.
     """
 
     codes: Int[np.ndarray, " row"]
-    names: tuple[str, ...]
-
-    @classmethod
-    def distinct(cls, codes: Int[np.ndarray, " row"], names: Iterable[str]) -> Labels:
-        """Rows by names of which some may be alike."""
-        names = list(names)
-        number = {name: index for index, name in enumerate(dict.fromkeys(names))}
-        return cls(np.array([number[name] for name in names], int)[codes], tuple(number))
+    names: list[str]
 
 
 @dataclass(frozen=True)
@@ -107,34 +101,35 @@ class Format:
     """One format of recorder files.
 
     Attributes:
-        name: as its users call it.
-        suffixes: how its files' names end, in small letters.
         read: from the bytes of a file, and what to call it in a message, to its contents. It may raise
             `UnfitError`, and on damaged bytes anything at all.
+        name: as its users call it.
+        suffixes: how its files' names end, in small letters.
         time: what its times are, for the manual,
         value: and its values.
         share: of the bytes that a file may have, for what takes many times its size once it is taken apart.
     """
 
-    name: str
-    suffixes: tuple[str, ...]
     read: Callable[[bytes, str], Contents]
-    time: str = ""
-    value: str = ""
+    name: str
+    suffixes: Sequence[str]
+    time: str
+    value: str
     share: float = 1.0
 
 
 class UnfitError(Exception):
-    """A whole file that can't serve: what was expected, what to do, and what was found."""
+    """A whole file that can't serve.
 
-    def __init__(self, expected: str, remedy: str, value: object) -> None:
-        super().__init__(expected)
-        self.expected, self.remedy, self.value = expected, remedy, value
+    Args:
+        key: of the message in ``remedies.toml`` that says so: see `bayestissue.base.errors.Problem.stated`.
+        value: what was found.
+        words: in the message.
+    """
 
-    @classmethod
-    def cut_off(cls, expected: str) -> Self:
-        """Of a file that ends too early."""
-        return cls(expected, "Copy or export the recording anew.", "an end that is missing")
+    def __init__(self, key: str, value: object, **words: object) -> None:
+        super().__init__(key)
+        self.key, self.value, self.words = key, value, words
 
 
 def unique(names: Iterable[str], otherwise: str) -> list[str]:

@@ -6,7 +6,7 @@ import io
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
-from bayestissue.recordings.dataset.formats.channel import Contents, Format, of_arrays
+from bayestissue.recordings.dataset.formats.channel import Contents, of_arrays
 from bayestissue.recordings.dataset.source_files import require_small
 
 if TYPE_CHECKING:
@@ -75,15 +75,3 @@ def _unit(item: h5py.Dataset) -> str:
     unit = item.attrs.get("units", item.attrs.get("unit", ""))
     unit = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
     return unit if isinstance(unit, str) else ""
-
-
-FORMATS = (
-    Format(
-        "HDF5",
-        (".h5", ".hdf5"),
-        read,
-        time="the vector `time_column`",
-        value="the vector `value_column` by its path (`drop1/acceleration`); a column of a table by its "
-        "number from 1 (`drop1/raw:2`)",
-    ),
-)

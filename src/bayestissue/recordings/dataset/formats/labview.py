@@ -17,7 +17,7 @@ import pyarrow as pa
 from jaxtyping import Float64
 
 from bayestissue.recordings.dataset import clock_times
-from bayestissue.recordings.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
+from bayestissue.recordings.dataset.formats.channel import CUT_OFF, Channel, Contents, UnfitError, even_clock
 from bayestissue.recordings.dataset.source_files import require_small
 
 SUFFIX = ".lvm"
@@ -85,7 +85,7 @@ def _blocks(text: str) -> list[_Block]:
         block.pieces = [piece for piece in block.pieces if piece[1]]
         if not block.pieces:
             where = f"none below the header that ends in row {block.row}"
-            raise UnfitError("numbers below every header", "Copy or export the recording anew.", where)
+            raise UnfitError("recorder-file.cut-off", where, expected="numbers below every header")
     return blocks
 
 
@@ -167,16 +167,12 @@ class _Block:
     def contents(self) -> Iterator[Contents]:
         """The channels of each piece, and of each piece of one whose ``X_Value`` begins again."""
         if unit := {*self.stated.get("X_Dimension", [])} - {"Time", ""}:
-            raise UnfitError("time along X", "Export the signal over time.", ", ".join(sorted(unit)))
+            raise UnfitError("recorder-file.spectrum", ", ".join(sorted(unit)))
         stated = [int(float(cell)) for cell in self.stated.get("Samples", []) if cell]
         greatest, has_times = max(stated, default=0), "X_Value" in self.names
         for first_row, lines in self.pieces:
             if first_row != self.pieces[0][0] and not has_times:
-                expected = "a header, or times in a column X_Value, of every piece"
-                where = f"neither of the one from row {first_row} on"
-                raise UnfitError(
-                    expected, "Export with one header for each segment, or with an X column.", where
-                )
+                raise UnfitError("recorder-file.pieces", f"neither of the one from row {first_row} on")
             samples = self.samples(lines)
             clocks = samples[:, [name == "X_Value" for name in self.names]]
             again = np.flatnonzero((np.diff(clocks, axis=0) <= 0).any(axis=1)) + 1
@@ -186,11 +182,9 @@ class _Block:
                 # The one header may be that of the first of many pieces, over all of which X_Value goes on.
                 several = rows > greatest > 0 and has_times
                 if stated and rows != greatest and (not several or (begins and rows % greatest)):
-                    raise UnfitError(
-                        "as many rows as the header's greatest Samples",
-                        "Export the recording anew.",
-                        f"{rows} rows where {greatest} are stated",
-                    )
+                    expected = "as many rows as the header's greatest Samples"
+                    value = f"{rows} rows where {greatest} are stated"
+                    raise UnfitError("recorder-file.cut-off", value, expected=expected)
                 yield self._channels(samples[first:last], [] if several else stated, first_row + first)
 
     def _channels(
@@ -211,7 +205,7 @@ class _Block:
             count = stated[measured] if measured < len(stated) else len(samples)
             if np.isfinite(samples[count:, column]).any():
                 expected = f"empty cells behind the {count} Samples of channel {name}"
-                raise UnfitError(expected, "Export the recording anew.", "numbers behind them")
+                raise UnfitError("recorder-file.cut-off", "numbers behind them", expected=expected)
             # One column X_Value is the clock of channels that begin and go on as the one beside it does.
             has_times = x is not None and of_x == (start, step, late) and np.isfinite(x[:count]).any()
             clock = x[:count] if x is not None and has_times else even_clock(step, start, count)
@@ -277,7 +271,7 @@ def read_tdms(data: bytes, label: str) -> Contents:
     logging.getLogger("nptdms").setLevel(logging.ERROR)
     file = TdmsFile.open(io.BytesIO(data))
     if file.file_status.incomplete_final_segment:
-        raise UnfitError.cut_off("a whole .tdms file")
+        raise UnfitError("recorder-file.cut-off", CUT_OFF, expected="a whole .tdms file")
     recorded = [channel for group in file.groups() for channel in group.channels()]
     require_small(sum(8 * len(channel) for channel in recorded), label)
     names = [channel.name for channel in recorded]
@@ -300,25 +294,3 @@ def read_tdms(data: bytes, label: str) -> Contents:
         unit = properties.get("unit_string", "")
         channels[name] = Channel(values.astype(np.float64), clock, unit if isinstance(unit, str) else "")
     return Contents(channels)
-
-
-FORMATS = (
-    Format(
-        "LabVIEW",
-        (SUFFIX,),
-        read_lvm,
-        time="the channel `time_column`, else `X_Value`, else `X0` and `Delta_X` in s, later by what its "
-        "`Time` is behind the first channel's",
-        value="the channel `value_column`",
-        # Lines that are taken apart one by one take many times their size.
-        share=0.1,
-    ),
-    Format(
-        "NI, DIAdem",
-        (".tdms",),
-        read_tdms,
-        time="the channel `time_column`, else `wf_start_offset` and `wf_increment` in s, later by what its "
-        "`wf_start_time` is behind the first channel's",
-        value="the channel `value_column`; `group/channel` if two groups have the name",
-    ),
-)

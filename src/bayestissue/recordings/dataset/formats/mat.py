@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from bayestissue.recordings.dataset.formats import hdf5
-from bayestissue.recordings.dataset.formats.channel import Contents, Format, of_arrays
+from bayestissue.recordings.dataset.formats.channel import Contents, of_arrays
 from bayestissue.recordings.dataset.source_files import require_small
 
 # How numbers are kept, by the type of the data element.
@@ -84,15 +84,3 @@ def _arrays(kind: int, body: bytes, order: str, name: str = "") -> Iterator[tupl
     elif kind in _NUMERIC and not word & _COMPLEX and count > 0:
         ((kept, values),) = content
         yield name, np.frombuffer(values, f"{order}{_KEPT[kept]}").reshape(lengths, order="F").squeeze()
-
-
-FORMATS = (
-    Format(
-        "MATLAB",
-        (".mat",),
-        read,
-        time="the variable `time_column`",
-        value="the variable `value_column`, the field of a structure (`test.daq.acc`, `trial(2).acc`), or "
-        "the column of a matrix by its number (`data:2`)",
-    ),
-)
