@@ -3,7 +3,7 @@ from __future__ import annotations
 import pint
 import pytest
 
-from bayestissue.recordings.dataset.units import COMMON, Dimension, to_si
+from bayestissue.recordings.dataset.units import DECLARED, Dimension, to_si
 
 SI = {"acceleration": "m/s^2", "length": "m", "time": "s"}
 
@@ -11,7 +11,7 @@ SI = {"acceleration": "m/s^2", "length": "m", "time": "s"}
 @pytest.mark.parametrize("dimension", ["acceleration", "length", "time"])
 def test_common_units_are_what_their_definitions_say(dimension: Dimension) -> None:
     registry = pint.UnitRegistry()
-    for unit, factor in COMMON[dimension].items():
+    for unit, factor in DECLARED[dimension]["common"].items():
         # Alone, g is the gram; of an acceleration it is standard gravity.
         defined = registry.Quantity(1.0, "g_0" if unit == "g" else unit)
         assert factor == pytest.approx(defined.m_as(SI[dimension]), rel=1e-15)

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 Dimension = Literal["acceleration", "length", "force", "time"]
 
-_DECLARED = declared(__package__, "units.toml")
-EXAMPLES: dict[Dimension, str] = {name: _DECLARED[name]["example"] for name in get_args(Dimension)}
+DECLARED = declared(__package__, "units.toml")
+EXAMPLES: dict[Dimension, str] = {name: DECLARED[name]["example"] for name in get_args(Dimension)}
 # A power of a power, or a long number, could keep the parser busy for ever and is no unit anyway.
 _ABSURD = re.compile(r"\d\d|(\^|\*\*)[^/*]*(\^|\*\*)")
 
@@ -31,14 +31,14 @@ def to_si(unit: str, dimension: Dimension) -> float:
     Raises:
         ValueError: the unit is unknown, or measures something else.
     """
-    if (known := _DECLARED[dimension]["common"].get(unit.strip())) is not None:
+    if (known := DECLARED[dimension]["common"].get(unit.strip())) is not None:
         return float(known)
     import pint
 
     if not unit.strip() or len(unit) > 40 or _ABSURD.search(unit):
         raise ValueError(f"{unit!r} is not a unit")
     try:
-        return float(_registry().Quantity(1, _registry().parse_units(unit)).m_as(_DECLARED[dimension]["si"]))
+        return float(_registry().Quantity(1, _registry().parse_units(unit)).m_as(DECLARED[dimension]["si"]))
     except pint.errors.DimensionalityError as error:
         raise ValueError(f"{unit!r} does not measure {dimension}") from error
     except Exception as error:
