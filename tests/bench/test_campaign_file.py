@@ -79,8 +79,10 @@ def test_the_order_says_what_is_left_and_a_plan_leaves_the_people_open(tmp_path:
     (tmp_path / "plan.json").write_text(json.dumps({"plan": {"name": "p", **plan}, "chosen": 1}))
     order = order_of(read_campaign(written(tmp_path, SIGNAL)), tmp_path)
     assert [row["mass_kg"] for row in order.left([]).values()] == [0.5, 1.2] * 2
-    with pytest.raises(InputError):
-        order_of(read_campaign(tmp_path / "campaign.toml"), tmp_path / "nowhere")
+    for wrong in ("", "[]", '{"plan": [], "chosen": 1}', "[" * 9900):
+        (tmp_path / "plan.json").write_text(wrong)
+        with pytest.raises(InputError):
+            order_of(read_campaign(tmp_path / "campaign.toml"), tmp_path)
 
 
 def test_columns_of_a_plan_and_an_order_are_those_of_names_in_any_case(tmp_path: Path) -> None:

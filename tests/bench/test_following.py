@@ -21,13 +21,6 @@ def test_a_file_is_ready_when_it_stands_still() -> None:
     assert follower.changes({"a": MORE}).ready == ("a",), "it was overwritten"
 
 
-def test_the_oldest_comes_first_and_a_restart_knows_what_was_taken() -> None:
-    follower = Follower({"old": ONE})
-    files = {"late": MORE, "early": TWO, "old": ONE}
-    follower.changes(files)
-    assert follower.changes(files).ready == ("early", "late")
-
-
 def test_empty_and_deleted_files_are_said_once_and_again_when_it_happens_again() -> None:
     follower, empty = Follower({"gone": ONE}), Stamp(0, 5)
     assert follower.changes({"a": empty}) == Changes((), (), ("gone",))

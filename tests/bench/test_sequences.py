@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-import logging
 import os
 import re
 import shutil
@@ -28,7 +27,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
-from written_drops import TOWER, NoStudy
+from written_drops import TOWER, NoStudy, no_numbers
 
 from bayestissue.base.errors import InputError
 from bayestissue.recordings.dataset.left_out import reasons
@@ -64,7 +63,7 @@ FAKES: dict[str, Any] = {
     "dataset_of": read_drop,
     "impact_of": lambda data: data,
     "several": lambda data: 1 + (data.kind == "spoilt"),
-    "numbers_of": lambda _: {"K": [None] * 3, "C": [None] * 3, "outcomes": {}},
+    "numbers_of": no_numbers,
 }
 
 
@@ -127,9 +126,6 @@ class AtTheBench(RuleBasedStateMachine):
         self.astray = ""
 
     def teardown(self) -> None:
-        TALLY["sequences"] += 1
-        TALLY["refused"] += bool(self.refusal)
-        TALLY["drops"] += self.count
         shutil.rmtree(self.folder)
 
     # What the operator knows.
@@ -420,8 +416,7 @@ class AtTheBench(RuleBasedStateMachine):
         assert self.refusal or max(filled.values(), default=0) < 2, "two used drops of one row"
 
 
-SHRINK, STEPS = bool(os.environ.get("SHRINK")), 30
-TALLY: Counter[str] = Counter()
+SHRINK = bool(os.environ.get("SHRINK"))
 
 
 @pytest.fixture
@@ -435,13 +430,14 @@ def fakes() -> Iterator[None]:
         yield
 
 
-def draw(sequences: int) -> None:
-    TALLY.clear()
+@pytest.mark.usefixtures("fakes")
+@pytest.mark.parametrize("sequences", [40, pytest.param(2000, marks=pytest.mark.long)])
+def test_no_sequence_gives_a_drop_another_mass(sequences: int) -> None:
     run_state_machine_as_test(
         AtTheBench,
         settings=settings(
             max_examples=sequences,
-            stateful_step_count=STEPS,
+            stateful_step_count=30,
             deadline=None,
             derandomize=True,
             database=None,
@@ -449,15 +445,3 @@ def draw(sequences: int) -> None:
             phases=(Phase.generate, *[Phase.shrink] * SHRINK),
         ),
     )
-    logging.getLogger(__name__).info("%s", dict(TALLY))
-
-
-@pytest.mark.usefixtures("fakes")
-def test_no_sequence_gives_a_drop_another_mass() -> None:
-    draw(60)
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("fakes")
-def test_none_of_two_thousand_sequences_gives_a_drop_another_mass() -> None:
-    draw(2000)

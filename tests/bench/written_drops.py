@@ -51,6 +51,11 @@ class NoStudy:
     update = staticmethod(lambda *_, **__: None)
 
 
+def no_numbers(_: object) -> dict[str, object]:
+    """Of a drop that nobody estimates."""
+    return {"K": [None] * 3, "C": [None] * 3, "outcomes": {}}
+
+
 def plan_of_drops(count: int, repeats: int = 3) -> list[str]:
     """Names of so many drops, person by person."""
     every = product(PEOPLE, SIDES, MASSES, range(1, repeats + 1))
