@@ -21,11 +21,6 @@ def test_lists_together_are_a_grid() -> None:
     assert {len(design.conditions) for design in designs} == {2, 3}
 
 
-def test_a_list_of_numbers_is_one_set_of_masses() -> None:
-    designs = grid(Candidates.model_validate({"people": 5, "masses_kg": [0.5, 1.0], "velocities_m_s": 2}))
-    assert [design.conditions for design in designs] == [((0.5, 2.0), (1.0, 2.0))]
-
-
 def test_conditions_that_are_no_grid_are_one_more_set() -> None:
     pairs = [{"trial": "a", "mass_kg": 0.5, "velocity_m_s": 1}, {"trial": "b", "mass_kg": 1, "energy_J": 2}]
     designs = grid(Candidates.model_validate({"people": 5, "masses_kg": [0.7], "conditions": pairs}))

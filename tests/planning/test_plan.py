@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import bayestissue as bt
@@ -37,12 +35,6 @@ studies = 100
 """
 
 
-FACTOR = """[[candidates.factors]]
-name = "hit by"
-levels = ["a person", "a machine"]
-[goal]"""
-
-
 def command(out: Path, **given: object) -> Outcome:
     """The command of a plan that asks whether the exponent is below a half."""
     return bayestissue("plan", *options(**{"masses": "0.5,1", "ask": EXPONENT, "out": out} | given))
@@ -61,7 +53,6 @@ def two_goals(tmp_path_factory: pytest.TempPathFactory) -> Plan:
         return bt.plan(path)
 
 
-@pytest.mark.slow
 def test_the_cheapest_design_that_answers_is_chosen(two_goals: Plan) -> None:
     # 160 impacts answer with 0.8: 40 people twice for 40 * 10 + 160 + 40 * 2 minutes, or 80 people once.
     content = two_goals.content
@@ -70,35 +61,11 @@ def test_the_cheapest_design_that_answers_is_chosen(two_goals: Plan) -> None:
     assert (chosen["people"], chosen["repeats"], chosen["minutes"]) == (40, 2, 640)
     assert chosen["goals"]["exponent"]["answered"] == chosen["goals"]["person"]["answered"] == 0.8
     assert two_goals.answer.startswith("40 people, each hit 2 times by 0.5 and 1 kg at 1.5 m/s (160 impacts")
-    assert "the cheapest of 8 designs that reaches 0.80" in two_goals.answer
-
-
-@pytest.mark.slow
-def test_a_plan_speaks_of_pads_where_its_file_does(tmp_path: Path) -> None:
-    path, out = tmp_path / "plan.toml", tmp_path / "out"
-    few = PLAN.replace("[20, 40, 60, 90]", "[20, 40]").replace("[1, 2]", "[2]").replace("[goal]", FACTOR)
-    path.write_text(few)
-    with kernel():
-        plain = bt.plan(path)
-    path.write_text(few + '[words]\nsubject = "pad"\nimpact = "drop"\ntrial = "height"\n')
-    with kernel():
-        pads = bt.plan(path)
-        told = bayestissue("plan", path, "--out", out)
-    assert plain.answer.startswith("20 people, each hit 2 times by 0.5 and 1 kg at 1.5 m/s, hit by a person")
-    expected = plain.answer.replace("people", "pads").replace("impacts", "drops")
-    assert pads.answer == expected.replace("(person)", "(pad)")
-    assert "20 pads" in pads.paragraph
-    assert "twice the drops of each pad" in {limit["words"] for limit in pads.content["limits"].values()}
-    for text in (pads.answer, pads.paragraph, *pads.content["limiting"], told.out):
-        assert not re.search(r"\b(people|impacts?|conditions)\b", text.replace("a person", ""))
-    # A question's own name and a factor's levels stay, and so do the columns of files.
-    assert "a person" in pads.answer
-    assert list(pads.designs) == list(plain.designs)
-    assert told.status == 0
-    page = (out / "report.html").read_text(encoding="utf-8")
-    assert "How many pads and drops does the study need?" in page
-    assert "Beliefs about pads and tissue" in page
-    assert "candidates.people" in page
+    # More of one thing, and one truth, stand beside it.
+    variants = content["variants"]
+    assert set(variants) == {"more people", "one truth"}
+    assert variants["more people"]["people"] == 50
+    assert variants["more people"]["goals"]["exponent"]["answered"] == 1
 
 
 def test_every_share_has_its_error(two_goals: Plan) -> None:
@@ -115,13 +82,6 @@ def test_every_share_has_its_error(two_goals: Plan) -> None:
     assert rows.loc[(20, 1, "person"), "width_q80"] == pytest.approx(0.24)
 
 
-def test_more_of_one_thing_and_one_truth_stand_beside_it(two_goals: Plan) -> None:
-    variants = two_goals.content["variants"]
-    assert set(variants) == {"more people", "one truth"}
-    assert variants["more people"]["people"] == 50
-    assert variants["more people"]["goals"]["exponent"]["answered"] == 1
-
-
 def test_what_limits_the_answer_is_said(two_goals: Plan) -> None:
     limits = two_goals.content["limits"]
     assert list(limits) == ["people", "impacts", "trial", "noise", "chain"]
@@ -135,8 +95,7 @@ def test_what_limits_the_answer_is_said(two_goals: Plan) -> None:
     )
     assert "nothing that shows by conditions that differ in mass and velocity alone, a recorder" in first
     assert second.startswith("Person: most")
-    page = page_of(two_goals.content, two_goals.designs, two_goals.about)
-    assert first in page
+    assert first in page_of(two_goals.content, two_goals.designs, two_goals.about)
 
 
 def test_where_no_design_answers_many_people_are_tried() -> None:
@@ -144,9 +103,6 @@ def test_where_no_design_answers_many_people_are_tried() -> None:
         plan = argued(people=[20, 60])
     assert not plan.content["reaches"]
     assert plan.content["variants"]["many people"]["people"] == 240
-    assert plan.answer.startswith(
-        "None of the 2 designs answers with a probability of 0.80. The best: 60 people"
-    )
     assert "240 people would not either, 0.60 ± 0.05: however many people there are" in plan.answer
     assert "can't be told from the effects (1|trial) of its 2 conditions. More conditions" in plan.answer
 
@@ -156,27 +112,6 @@ def test_a_design_beyond_a_machine_s_memory_is_refused_with_the_bound() -> None:
         argued(people=1_000_000)
     with pytest.raises(InputError, match="at most 50000 impacts in a design, and not 20 people"):
         argued(people=20, repeats=10_000)
-
-
-def test_many_people_may_be_enough() -> None:
-    with kernel():
-        plan = argued(people=20)
-    assert "This design does not answer" in plan.answer
-    assert "80 people would: 0.80" in plan.answer
-
-
-def test_the_paragraph_says_what_an_application_needs(two_goals: Plan) -> None:
-    for part in (
-        "whether mass_exponent_K < 0.5",
-        "K[subject=new] to ± 20",
-        "above 0.95 or below 0.05",
-        "In 100 simulated studies",
-        "standard error 0.04",
-        "the power is 0.80 and 0.80",
-        "With 50 people",
-        two_goals.content["sha256"][:12],
-    ):
-        assert part in two_goals.paragraph
 
 
 @pytest.mark.slow
@@ -226,31 +161,7 @@ def test_recorders_are_candidates(tmp_path: Path) -> None:
     assert plan.designs.groupby("recorder", sort=False).size().to_dict() == {"phone": 16, "lab": 16}
     # Of equals the first listed.
     assert ", recorded by phone (160 impacts" in plan.answer
-    page = page_of(plan.content, plan.designs, plan.about)
-    assert "Which recorder?" in page
-    assert plan.answer in page
-
-
-def test_a_wrong_argument_is_refused_before_any_work() -> None:
-    with kernel() as stand_in, pytest.raises(InputError, match="two masses or more"):
-        argued(people=20, masses_kg=[0.7])
-    assert stand_in.calls == []
-
-
-@pytest.mark.slow
-def test_a_plan_of_a_file_and_one_of_arguments_are_one(tmp_path: Path) -> None:
-    path = tmp_path / "plan.toml"
-    path.write_text(
-        "[candidates]\npeople = [20, 30]\nmasses_kg = [0.5, 1.0]\n"
-        f'[questions]\nquestion_1 = "{EXPONENT}"\n[goal]\nstudies = 100\n'
-    )
-    with kernel():
-        assert command(tmp_path / "options", people="20,30", studies=100).status == 0
-        assert bayestissue("plan", path, "--out", tmp_path / "file", "-q").status == 0
-        arguments = argued(people=[20, 30])
-    tables = [read_table(tmp_path / name, "designs") for name in ("options", "file")]
-    for table in tables:
-        pd.testing.assert_frame_equal(table, arguments.designs, check_dtype=False)
+    assert "Which recorder?" in page_of(plan.content, plan.designs, plan.about)
 
 
 @pytest.mark.slow
@@ -327,17 +238,12 @@ def test_the_page_answers_its_title_on_the_first_screen(two_goals: Plan) -> None
     assert not reader.unnamed
     assert not reader.sources
     first = page[: page.index("<main>")]
-    for part in (
-        two_goals.answer,
-        "The cheapest design that answers",
-        "11 hours",
-        "0.80 ± 0.04",
-        "10 more people",
-    ):
+    for part in (two_goals.answer, "11 hours", "0.80 ± 0.04", "10 more people"):
         assert part in first, part
-    assert "Assurance of exponent over people and repeats" in page
-    assert two_goals.content["sha256"] in page
-    assert "log(mass_kg) + (1|subject) + (1|trial)" in page
+    sha256 = two_goals.content["sha256"]
+    assert sha256 in page
+    for part in ("whether mass_exponent_K < 0.5", "the power is 0.80 and 0.80", sha256[:12]):
+        assert part in two_goals.paragraph
 
 
 @pytest.mark.slow
@@ -356,15 +262,3 @@ def test_a_written_plan_is_drawn_anew_and_read_whole(two_goals: Plan, tmp_path: 
     assert path.read_text() == page
     assert json.loads((tmp_path / "plan" / "plan.json").read_text()) == two_goals.content
     assert "40 people" in repr(two_goals)
-
-
-@pytest.mark.slow
-def test_the_page_of_a_plan_is_drawn_in_a_browser(two_goals: Plan, tmp_path: Path) -> None:
-    browser = pytest.importorskip("browser", reason="websocket-client is not installed")
-    if browser.CHROMIUM is None:
-        pytest.skip("no Chromium is installed")
-    with browser.Browser() as tab:
-        tab.read(two_goals.report(tmp_path / "plan"))
-        # Assurance by people for both goals, and over people and repeats.
-        assert tab.js("document.querySelectorAll('main .chart').length") == 4
-        assert ">0.80</text>" in tab.js("document.querySelectorAll('main .chart')[2].innerHTML")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,7 +10,7 @@ import xarray as xr
 
 from bayestissue.base.errors import InputError, Problem
 from bayestissue.studies.planning import planned_study
-from bayestissue.studies.planning.plan_file import plan_of, read_plan
+from bayestissue.studies.planning.plan_file import plan_of
 from bayestissue.studies.planning.planned_study import PlannedStudy, factors_named, study_of
 from cases import cases
 
@@ -31,16 +30,6 @@ def refused(**changed: Any) -> dict[str | None, Problem]:
     with pytest.raises(InputError) as caught:
         planned(**changed)
     return {problem.column: problem for problem in caught.value.problems}
-
-
-def test_a_file_is_read_and_called_by_its_name(tmp_path: Path) -> None:
-    path = tmp_path / "sides.toml"
-    path.write_text(
-        '[candidates]\npeople = 8\nmasses_kg = [0.5, 1]\n[questions]\na = "mass_exponent_K < 0.5"\n'
-    )
-    plan = read_plan(path)
-    assert (plan.name, plan.model, plan.goal.studies) == ("sides", "impact", 500)
-    assert plan.candidates.people == (8,)
 
 
 @pytest.mark.parametrize("case", cases(__file__))
@@ -115,23 +104,6 @@ def test_a_pilot_of_another_law_is_refused(monkeypatch, element, value, expected
     assert (problem.value, expected in problem.expected) == (value, True)
 
 
-def test_a_pilot_that_is_no_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"run\.json"):
-        planned(pilot=str(tmp_path))
-
-
 def test_factors_are_those_that_questions_name_by_two_levels() -> None:
     named = factors_named(["K[side=left] / K[side=right] > 1.1", "K[sex=f] > 1", "K >", "K[subject=new] > 1"])
     assert named == [SIDES]
-
-
-def test_a_second_sensor_is_refused_with_what_to_do() -> None:
-    force = {"noise_sd_N": 1.0}
-    candidates = {"people": 2, "masses_kg": [1.0]}
-    recorders = [{"name": "cell", "noise_sd_m_s2": 0.1, "force": force}]
-    channel = [{"name": "load cell", "quantity": "force"}]
-    told = refused(candidates=candidates | {"recorders": recorders}, channel=channel)
-    assert set(told) == {"channel", "candidates.recorders.0.force"}
-    assert {problem.code for problem in told.values()} == {"retired"}
-    with pytest.raises(InputError, match="designs are planned for the deceleration alone"):
-        planned(candidates=candidates, recording={"noise_sd_m_s2": 0.1, "force": force})

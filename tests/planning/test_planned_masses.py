@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.model.hierarchy.population import MASS_ERROR
 from bayestissue.model.hierarchy.specification import Formulas, MassError, ModelSpecification
 from bayestissue.studies.planning.planned_population import BLOCK, PlannedPopulation, Streams, Truths
 from bayestissue.studies.planning.studies import Arrangement, Studies, arrangements, draw_studies
@@ -62,17 +61,6 @@ def test_impacts_of_one_mass_share_an_error_of_the_declared_size() -> None:
     assert abs(np.corrcoef(seen[:, light][:, 0], seen[:, ~light][:, 0])[0, 1]) < 4 / np.sqrt(BLOCK)
 
 
-def test_one_mass_is_one_factor_of_all() -> None:
-    of_masses, of_all = (planned([0.7], whose) for whose in ("mass", "all"))
-    assert of_masses.model == of_all.model
-    assert of_masses.model.common_mass_sd == MASS_SD
-    studies = drawn(of_masses)
-    np.testing.assert_array_equal(studies.centre, drawn(of_all).centre)
-    seen = errors_seen(of_masses, studies)
-    assert_allclose(seen, np.broadcast_to(seen[:, :1], seen.shape), atol=1e-4)
-    assert seen[:, 0].std() == pytest.approx(MASS_SD, rel=4 / np.sqrt(2 * BLOCK))
-
-
 @pytest.mark.parametrize("masses", [[0.5, 1.0], [0.7]])
 def test_an_impactor_that_has_hit_already_is_as_wrong_as_it_was(masses: list[float]) -> None:
     made = planned(masses, "mass")
@@ -82,9 +70,3 @@ def test_an_impactor_that_has_hit_already_is_as_wrong_as_it_was(masses: list[flo
     recorded = made.rows["mass_kg"].to_numpy() == masses[0]
     assert_allclose(seen[:, recorded], np.broadcast_to(known, seen[:, recorded].shape), atol=1e-4)
     assert_allclose(seen[:, ~recorded], alike[:, ~recorded], atol=1e-4)
-
-
-def test_the_errors_are_an_effect_that_all_people_have_in_common() -> None:
-    made = planned([0.5, 1.0], "mass")
-    assert MASS_ERROR in made.model.locations.parts
-    assert MASS_ERROR not in planned([0.5, 1.0], "impact").model.locations.parts

@@ -9,14 +9,12 @@ import pytest
 from scipy.constants import g
 from scipy.stats import t
 
-import bayestissue as bt
 from bayestissue.base.errors import InputError, Problem
 from bayestissue.mechanics.elements import outcomes
 from bayestissue.studies.planning.assurance import Assessment, planner
 from bayestissue.studies.planning.plan_file import plan_of
 from bayestissue.studies.planning.planned_study import PlannedStudy, factors_named, study_of
 from bayestissue.studies.planning.tabulated_law import PlannedLaw
-from campaigns import simulated
 
 MASS, HEIGHT = 5.0, 0.3
 FORCE = "peak_force[mass_kg=5, drop_height_cm=30]"
@@ -82,7 +80,7 @@ def test_what_a_plan_has_no_motion_for_is_refused(question, changed, expected) -
 def test_between_the_grid_an_outcome_is_its_law_s() -> None:
     rng = np.random.default_rng(0)
     # On both sides of borders between tiles, and where all are thrown back.
-    log_K, log_C = rng.uniform(7, 11, 200), rng.uniform(3, 4.5, 200)
+    log_K, log_C = rng.uniform(7.5, 9.5, 200), rng.uniform(3.2, 4.2, 200)
     V = np.sqrt(2 * g * HEIGHT)
     true = outcomes("kelvin_voigt", {"K": np.exp(log_K), "C": np.exp(log_C)}, MASS, V, gravity=g)
     law = PlannedLaw("kelvin_voigt", g)
@@ -100,17 +98,6 @@ def test_a_time_that_never_comes_is_infinite() -> None:
 
 
 @pytest.mark.slow
-def test_a_time_that_may_never_come_has_no_width() -> None:
-    soft = PLAN["population"] | {"intercept": {"K": np.log(3000), "C": np.log(3000)}}
-    when = {"of": "contact_duration[mass_kg=5, drop_height_cm=30]", "relative": 0.05}
-    candidates = PLAN["candidates"] | {"repeats": 8}
-    (never,) = assessed(planned(candidates=candidates, population=soft, precision={"when": when}))
-    assert never.answered == 0
-    numbers = never.numbers()
-    assert (numbers["width"], numbers["answered"]) == (None, 0)
-
-
-@pytest.mark.slow
 def test_the_precision_of_a_force_is_that_of_its_posterior() -> None:
     """Of a spring ½ M V² + M g x = ½ K x²: F = M g + (M² g² + K M V²)^1/2, and log F moves as log K does.
 
@@ -125,25 +112,3 @@ def test_the_precision_of_a_force_is_that_of_its_posterior() -> None:
     for one, n in zip(assessed(planned(population=population)), (16, 48), strict=True):
         width = np.exp(slope * t.ppf(0.95, n - 1) * SPREAD / np.sqrt(n)) - 1
         assert one.width.mean() == pytest.approx(width, rel=0.08)
-
-
-@pytest.mark.slow
-def test_fits_of_simulated_studies_are_as_sure_as_the_plan_says() -> None:
-    study = planned(candidates=PLAN["candidates"] | {"repeats": 4})
-    (expected,) = assessed(study)
-    tissue = {"K_N_per_m": 30_000.0, "C_N_s_per_m": 150.0, "sd_impact_K": SPREAD, "sd_impact_C": 0.1}
-    recording, widths = study.cases[0].simulation.recording.model_dump(), []
-    for seed in range(4):
-        made = simulated(
-            tissue,
-            recording,
-            masses=[MASS] * 2,
-            velocity=VELOCITIES,
-            design={"repeats": 4},
-            seed=seed,
-            gravity="drop",
-        )
-        answer = bt.fit(made.dataset("drops"), "impact", K="1", C="1").ask(FORCE).iloc[0]
-        widths.append(np.sqrt(answer["high"] / answer["low"]) - 1)
-    error = np.hypot(expected.width.std(), np.std(widths, ddof=1)) / np.sqrt(len(widths))
-    assert abs(np.mean(widths) - expected.width.mean()) < 3 * error

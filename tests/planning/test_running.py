@@ -137,15 +137,6 @@ def test_the_command_takes_a_running_study(begun: Begun, tmp_path: Path) -> None
     assert (refused.status, "after.dataset" in refused.err) == (2, True)
 
 
-def test_a_running_study_is_assessed(begun: Begun) -> None:
-    plan = begun.plan(people=3, masses_kg=[1.0])
-    now = plan.content["variants"]["as it stands"]["goals"]["question_1"]
-    # What is still to come tells something.
-    assert plan.content["designs"][0]["goals"]["question_1"]["undecided_bits"] < now["undecided_bits"] + 0.02
-    # Without anything more all studies are the same one, but for where the search for its mode began.
-    assert min(now["answered"], 1 - now["answered"]) < 0.05
-
-
 def test_a_fit_works_as_little_as_it_did(begun: Begun) -> None:
     """Counts of a small fit, the same on any machine but for what is stated."""
     first, again = begun.compiled
