@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import pandas as pd
@@ -10,7 +9,6 @@ from numpy.testing import assert_allclose
 
 from bayestissue.base.errors import InputError
 from bayestissue.commands.finished_runs import compare
-from command_line import bayestissue
 from make_fit_run import CONDITIONS, PEOPLE, fit_run, groups_of, make_scored_run
 
 IMPACTS = PEOPLE * CONDITIONS
@@ -70,15 +68,6 @@ def test_a_density_of_other_numbers_gets_neither(out):
     assert table["warning"].str.contains("not comparable").all()
 
 
-def test_posteriors_stand_side_by_side_whatever_was_recorded(out):
-    table = pd.read_csv(out / "posteriors.csv", keep_default_na=False).set_index(["variable", "label"])
-    for key in (("mass_exponent_K", ""), ("C_new", ""), ("K_subject", "s3")):
-        assert list(table.loc[[key], "run"]) == ["a2", "arma", "impact"]
-    assert (table["eti90_low"] < table["median"]).all()
-    assert (table["median"] < table["eti90_high"]).all()
-    assert table.loc[("K_subject", "s0"), "unit"].unique().tolist() == ["N/m"]
-
-
 def test_another_window_is_another_density(runs, tmp_path):
     about = {"model": {"likelihood": "a2", "signal": {"window": "rebound"}}}
     other = make_scored_run(tmp_path / "centred", shift=-1e-3, about=about)
@@ -88,26 +77,6 @@ def test_another_window_is_another_density(runs, tmp_path):
     assert table["elpd_difference"].isna().all()
     html = (tmp_path / "out" / "report.html").read_text()
     assert "different numbers" in html
-
-
-def test_run_json_tells_what_was_compared(out):
-    about = json.loads((out / "run.json").read_text())
-    assert about["kind"] == "comparison"
-    assert [run["name"] for run in about["runs"]] == ["a2", "arma", "impact"]
-    assert about["input_hash"] == fit_run().about["input_hash"]
-
-
-def test_json_prints_all_tables(runs):
-    tables = json.loads(bayestissue("compare", runs["a2"], runs["arma"], "--json").out)
-    assert len(tables["comparison"]) == 6
-    assert {row["run"] for row in tables["posteriors"]} == {"a2", "arma"}
-    assert set(tables) == {"comparison", "posteriors", "answers"}
-
-
-def test_the_console_shows_both_tables(runs):
-    said = bayestissue("compare", runs["a2"], runs["impact"]).out
-    for part in (*SCHEMES, "not comparable", "K of a new impact on a new person at the reference mass (N/m)"):
-        assert part in said
 
 
 def test_runs_of_one_name_are_told_apart_by_their_paths(tmp_path):

@@ -12,14 +12,12 @@ from types import SimpleNamespace
 
 import pandas as pd
 import pytest
-from rich.console import Console
 
 from bayestissue import cli
 from bayestissue.base import runtime
 from bayestissue.base.errors import InputError, Problem, has_control_characters, printable
 from bayestissue.commands import datasets, finished_runs
-from bayestissue.commands.console import Grid, echo, plain, show
-from bayestissue.reports.pages.page_tables import Row, Table, columns
+from bayestissue.commands.console import echo, show
 from bayestissue.studies.estimates import Estimates
 
 BAD = "[/red]a\x1b]0;title\x07b\x9b2Jc\u202ed\x00"
@@ -55,13 +53,6 @@ def test_a_problem_shows_every_part_of_it(capsys: pytest.CaptureFixture[str], mo
         assert tame(capsys.readouterr().err)
 
 
-def test_what_is_printed_is_tame(capsys: pytest.CaptureFixture[str]) -> None:
-    echo(BAD)
-    Console().print(plain(BAD))
-    written = capsys.readouterr().out
-    assert written == f"{SHOWN}\n{SHOWN}\n"
-
-
 def test_the_tables_of_all_commands_are_tame(capsys: pytest.CaptureFixture[str]) -> None:
     names = pd.DataFrame(
         {
@@ -93,27 +84,6 @@ def test_no_command_prints_by_another_way() -> None:
             continue
         text = path.read_text(encoding="utf-8")
         assert not re.search(r"typer\.echo\((?!\s*\")|[^a-z]Text\(|[^.\w]print\(", text), path.name
-
-
-def test_a_dataset_folder_of_an_evil_name(tmp_path: Path, monkeypatch, capsys) -> None:
-    folder = tmp_path / BAD.replace("\0", "").replace("/", "")
-    folder.mkdir()
-    monkeypatch.setattr(sys, "argv", ["bayestissue", "check", str(folder)])
-    with pytest.raises(SystemExit):
-        cli.main()
-    assert tame(capsys.readouterr().err)
-
-
-def test_first_cells_that_begin_alike_are_told_apart_on_a_narrow_terminal(monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "50")
-    starts = "K[side=left, session=before, group=treated] / K[side="
-    cells = [[f"{starts}{end}]", "1.1", "1.0", "1.2"] for end in ("left", "right")]
-    numbers = ("median", "from", "to")
-    show(Grid("numbers", Table(columns("quantity", *numbers, number=numbers), list(map(Row, cells)))))
-    said = re.sub(r"[\s│┃]", "", capsys.readouterr().out)
-    assert "left]" in said
-    assert "right]" in said
-    assert "…" not in said
 
 
 def test_the_command_line_shows_no_library_s_warning(monkeypatch):

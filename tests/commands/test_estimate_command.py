@@ -77,9 +77,7 @@ def test_wrong_choices_end_with_status_2_and_nothing_written(
 
 
 @pytest.mark.slow
-def test_bad_impacts_are_skipped_on_request_and_listed(
-    dataset: Path, tmp_path: Path, monkeypatch, capsys
-) -> None:
+def test_bad_impacts_are_skipped_on_request_and_listed(dataset: Path, tmp_path: Path) -> None:
     spoilt = Path(shutil.copytree(dataset, tmp_path / "spoilt"))
     table = pd.read_csv(spoilt / "impacts.csv", dtype=str)
     table.loc[1, "mass_kg"] = "-1"
@@ -94,9 +92,7 @@ def test_bad_impacts_are_skipped_on_request_and_listed(
     assert left_out["row"].tolist() == [3]
 
 
-def test_impacts_of_too_few_samples_have_rows_without_numbers(
-    dataset: Path, tmp_path: Path, monkeypatch, capsys
-) -> None:
+def test_impacts_of_too_few_samples_have_rows_without_numbers(dataset: Path, tmp_path: Path) -> None:
     """All of them: up to their peak, at so low a rate, there are five and seven, and half are asked for."""
     impacts, traces = pd.read_csv(dataset / "impacts.csv")[:2], pd.read_csv(dataset / "traces.csv.gz")
     few = traces[traces["impact"].isin(impacts["impact"])].groupby("impact").nth(slice(3, None, 30))
@@ -111,30 +107,3 @@ def test_impacts_of_too_few_samples_have_rows_without_numbers(
     assert table.filter(regex="^[KC]_|_se$|phi|theta").isna().all(axis=None)
     assert "2 impacts, 2 flagged" in ran.out
     assert "No impact has K. Too few samples: Record faster" in ran.out
-    # Without that choice the rebound is taken along.
-    ran = bayestissue("estimate", coarse, "--out", tmp_path / "whole")
-    assert ran.status == 0
-    assert pd.read_csv(tmp_path / "whole" / "estimates.csv")["K_N_per_m"].notna().all()
-    assert "the window goes on to the rebound in 2 of 2 impacts" in ran.out
-
-
-def test_one_impact_is_said_to_be_one(dataset: Path, tmp_path: Path) -> None:
-    impacts, traces = pd.read_csv(dataset / "impacts.csv")[:2], pd.read_csv(dataset / "traces.csv.gz")
-    impacts.loc[1, "mass_kg"] = -1.0
-    one = written(tmp_path / "one", impacts, traces[traces["impact"].isin(impacts["impact"])])
-    checked = bayestissue("check", one, "--skip-bad")
-    assert checked.status == 0
-    assert "without the 1 impact left out" in " ".join(checked.out.split())
-    ran = bayestissue("estimate", one, "--out", tmp_path / "run", "--skip-bad")
-    assert ran.status == 0
-    assert "one: 1 impact, " in ran.out
-
-
-@pytest.mark.slow
-def test_recorded_heel_strikes_have_estimates(heel_strikes: Path, tmp_path: Path) -> None:
-    assert bayestissue("estimate", heel_strikes, "--out", tmp_path / "run", "--quiet").status == 0
-    table = pd.read_csv(tmp_path / "run" / "estimates.csv")
-    assert len(table) == 216
-    # Some thirty samples each tell K of most of them, and C of few.
-    assert (table["K_N_per_m"] > 0).mean() > 0.7
-    assert np.isfinite(table["K_high_N_per_m"]).all()

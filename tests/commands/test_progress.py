@@ -37,12 +37,6 @@ def test_the_time_left_is_told_from_what_follows_compilation(told: Told) -> None
     ]
 
 
-def test_what_is_soon_over_says_nothing_in_a_log(told: Told) -> None:
-    stages = [("each impact's posterior", done, 4) for done in range(4)]
-    said = told([0.0, 0.0, 29.0, 40.0, 41.0], stages, patience_s=30.0)
-    assert said == ["each impact's posterior: 2 of 4, about 22 s left"]
-
-
 def test_a_stage_whose_words_go_on_keeps_its_time(told: Told) -> None:
     """A chain says after each look how many effective draws it has."""
     stages = [("sampling" + ", 250 of 400 effective draws" * (done > 1), done, 5) for done in range(4)]
