@@ -59,12 +59,6 @@ def test_the_folder_has_all_that_was_found(run: Path, certificate: Path) -> None
     assert "Kottner" in (certificate / "certificate.md").read_text(encoding="utf-8")
 
 
-def test_the_page_is_drawn_anew_from_the_folder(certificate: Path) -> None:
-    before = (certificate / "report.html").read_text(encoding="utf-8")
-    assert bayestissue("report", certificate).status == 0
-    assert (certificate / "report.html").read_text(encoding="utf-8") == before
-
-
 def test_finished_refits_are_read_and_change_nothing(run: Path, certificate: Path, tmp_path: Path) -> None:
     study = certifying.CertifiedFit.of_run(run)
     ranks = read_table(certificate, "ranks")
@@ -112,9 +106,6 @@ def test_drawn_impacts_scatter_as_the_model_says(run: Path) -> None:
     sd = np.hypot([hyper["sd_impact_K"], hyper["sd_impact_C"]], study.prepared.model.log_mass_sd)
     # A standard deviation of 24,000 numbers is known to 0.5 %.
     assert u[..., :2].std(axis=0).mean(axis=0) == pytest.approx(sd, rel=0.02)
-    design = study.prepared.data.design
-    cell = np.asarray(design.cell)
-    assert u.mean(axis=0)[:, 0].shape == cell.shape
 
 
 @pytest.mark.parametrize("refits", [9, 1001])
@@ -129,8 +120,7 @@ def test_recordings_that_are_gone_or_others_are_named(run: Path, tmp_path: Path)
     assert "--dataset DATASET" in ended.err
     campaign(tmp_path / "others", seed=5)
     ended = bayestissue("certify", run, "--dataset", tmp_path / "others", "--out", tmp_path / "out")
-    assert ended.status == 2
-    assert "another-run" in ended.err
+    assert (ended.status, "another-run" in ended.err) == (2, True)
 
 
 def test_the_paper_has_the_checklists(run: Path, certificate: Path, tmp_path: Path) -> None:

@@ -28,15 +28,13 @@ def test_p_of_uniform_ranks_is_uniform() -> None:
         assert (p <= level).mean() >= 0.5 * level
 
 
-@pytest.mark.parametrize("refits", [20, 400])
-def test_a_share_of_ranks_beyond_the_band_is_hardly_ever_uniform(refits: int) -> None:
-    band, rng = half_band(refits), np.random.default_rng(5)
+def test_a_share_of_ranks_beyond_the_band_is_hardly_ever_uniform() -> None:
+    band = half_band(REFITS)
     # Of one place alone it would be 1.96 standard errors; of a curve's 99 places it is some more.
-    assert 1.96 < 2 * np.sqrt(refits) * band < 3.3
-    low = int(np.ceil(refits * (0.5 + band))) + 1
-    half = (DRAWS + 1) // 2
-    ranks = np.concatenate([rng.integers(0, half, low), rng.integers(half, DRAWS + 1, refits - low)])
-    assert p_of_uniform(ranks) <= 0.05
+    assert 1.96 < 2 * np.sqrt(REFITS) * band < 3.3
+    low = int(np.ceil(REFITS * (0.5 + band))) + 1
+    places = np.r_[np.linspace(0, 0.49, low), np.linspace(0.51, 1, REFITS - low)]
+    assert p_of_uniform((places * DRAWS).astype(int)) <= 0.05
 
 
 def test_elements_of_one_refit_count_as_dependent() -> None:
@@ -63,9 +61,3 @@ def test_wrong_intervals_of_impacts_are_found(sd: float, shift: float) -> None:
         1 - 2 * norm.sf((1.6449 - shift) / sd) if not shift else 0.884, abs=0.02
     )
     assert row["shift"] == pytest.approx(shift, abs=0.1)
-
-
-def test_a_gross_fault_of_a_single_number_is_found() -> None:
-    rng = np.random.default_rng(3)
-    assert judge("b", ranks_of(rng, (REFITS, 1), sd=4.0)).p < 1e-3
-    assert judge("b", ranks_of(rng, (REFITS, 1), shift=2.0)).p < 1e-3

@@ -11,10 +11,10 @@ import pytest
 
 from bayestissue import read_run
 from bayestissue.reports.figures.browser import figure_json
-from bayestissue.reports.figures.intervals import MOST_LEVELS, intervals, with_error_of, with_ranks
-from bayestissue.reports.figures.study_comparisons import agreement, limits_of_agreement, points, shares
-from bayestissue.reports.figures.theme import number, scale_over
-from bayestissue.reports.figures.traces import CONTACT, panels, thinned
+from bayestissue.reports.figures.intervals import MOST_LEVELS, with_ranks
+from bayestissue.reports.figures.study_comparisons import agreement, limits_of_agreement
+from bayestissue.reports.figures.theme import scale_over
+from bayestissue.reports.figures.traces import thinned
 from bayestissue.reports.pages.fit import figures
 from make_fit_run import fit_run, make_fit_run
 
@@ -89,25 +89,10 @@ def test_ranks_are_those_of_the_draws_and_the_middle_of_very_many_is_left_out() 
     assert (many["label"].iloc[0], many["label"].iloc[-1]) == ("99", "0")
 
 
-def test_names_from_the_data_are_text() -> None:
-    names = ["a.b[0]", "'quoted' \\ <b>", "long " * 20, "_x"]
-    rows = with_ranks(np.arange(4.0) + np.ones((2, 1)), names)
-    shown = words_in(intervals(rows, "K (N/m)", "words").svg())
-    assert {"a.b[0]", "_x"} <= set(shown)
-    assert any("…" in words for words in shown)
-
-
 def test_a_scale_is_logarithmic_where_values_are_far_apart() -> None:
     assert scale_over([1.0, 11.0])["type"] == "log"
     assert scale_over([1.0, 9.0, np.nan])["type"] == "linear"
     assert scale_over([-1.0, 10.0])["type"] == "linear"
-
-
-def test_a_table_stands_in_a_specification_once() -> None:
-    rows = with_ranks(np.ones((3, 2)), ["a", "b"])
-    whole = intervals(rows, "K (N/m)", "words").specification()
-    assert list(whole["datasets"]) == ["rows-0"]
-    assert '"rows-0":{"label":["a","b"]' in figure_json(whole)
 
 
 def test_a_page_holds_what_a_pixel_can_show() -> None:
@@ -139,48 +124,3 @@ def test_of_a_long_trace_every_peak_stays() -> None:
     assert {137, 5000} <= set(kept)
     assert (np.diff(kept) > 0).all()
     np.testing.assert_array_equal(thinned(values[:99], 100), np.arange(99))
-
-
-def test_a_panel_stands_for_each_impact() -> None:
-    parts = [
-        pd.DataFrame({"time_ms": [0.0, 1.0, 2.0], "value": [0.0, scale, 0.0], "kind": "recorded"}).assign(
-            impact=name
-        )
-        for name, scale in (("a", 1.0), ("b", 2.0))
-    ]
-    contacts = pd.DataFrame({"time_ms": 0.5, "value": 0.0, "kind": CONTACT, "impact": ["a", "b"]})
-    drawn = panels(pd.concat([*parts, contacts]), "time (ms)", "force (N)", "two impacts").svg()
-    words = words_in(drawn)
-    assert {"a", "b", "recorded", CONTACT} <= set(words)
-    assert words.count("time (ms)") == words.count("force (N)") == 2
-
-
-def test_points_have_intervals_and_named_lines() -> None:
-    rows = pd.DataFrame({"x": [1.0, 2.0], "y": [1.0, 3.0], "low": 0.5, "high": 3.5, "kind": ["one", "two"]})
-    lines = pd.DataFrame({"x": [1.0, 2.0], "y": 2.0, "line": "wanted"})
-    figure = points(rows, number("x", "x (m)"), number("y", "y (N)"), "points", lines=lines, joined=True)
-    assert {"one", "two", "wanted", "x (m)", "y (N)"} <= set(words_in(figure.svg()))
-    marks = [layer["mark"]["type"] for layer in figure.chart["layer"]]
-    assert marks == ["line", "rule", "line", "point"]
-
-
-def test_shares_are_in_the_cells_and_the_chosen_one_is_framed() -> None:
-    rows = pd.DataFrame({"people": [5, 10, 5, 10], "repeats": [1, 1, 2, 2], "share": [0.25, 0.5, 0.75, 0.9]})
-    figure = shares(rows, "people", "repeats", "shares", wanted=0.7, chosen=(5, 2))
-    assert {"0.25", "0.50", "0.75", "0.90", "people", "repeats"} <= set(words_in(figure.svg()))
-    bold, framed = (figure.chart["layer"][layer]["data"] for layer in (2, 3))
-    assert list(bold["share"]) == [0.75, 0.9]
-    assert framed[["people", "repeats"]].to_numpy().tolist() == [[5, 2]]
-
-
-def test_values_with_standard_errors_and_further_points_share_their_line() -> None:
-    labels, values = pd.Series(["a", "b"]), pd.Series([0.2, 0.4])
-    rows = with_error_of(labels, values, pd.Series([0.1, 0.1]))
-    assert rows[["se_low", "se_high"]].to_numpy().tolist() == pytest.approx(
-        np.array([[0.1, 0.3], [0.3, 0.5]])
-    )
-    further = pd.DataFrame({"label": ["a"], "value": [0.9]})
-    figure = intervals(rows, "share", "two", points=further, domain=(0, 1), straight=True)
-    assert {"a", "b", "share"} <= set(words_in(figure.svg()))
-    titles = [one["title"] for one in figure.chart["layer"][-1]["encoding"]["tooltip"]]
-    assert titles == ["of", "value"]

@@ -31,7 +31,3 @@ def test_it_runs_without_a_warning_and_tells_what_it_found(tmp_path, monkeypatch
     assert f"{CHAINS} chains of {DRAWS} draws" in said.getvalue()
     assert "a fixed stiffness would give 0.530" in said.getvalue()
     assert len(shown) == NOTEBOOK.read_text(encoding="utf-8").count("plt.show()")
-
-
-def test_it_is_kept_without_outputs():
-    assert not list(NOTEBOOK.parent.glob("*.ipynb"))

@@ -6,7 +6,6 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import docx
 import numpy as np
@@ -16,11 +15,8 @@ from PIL import Image
 
 import bayestissue as bt
 from bayestissue.inference.answers.law import Law
-from bayestissue.inference.checking.recording_warnings import clipped_recordings, flagged_recordings
 from bayestissue.model.hierarchy.levels import log_at_levels
-from bayestissue.reports.pages.posterior import Levels
 from bayestissue.reports.pages.wording import Spread
-from bayestissue.reports.paper import text
 from bayestissue.reports.paper.documents import write_markdown, write_word
 from bayestissue.reports.paper.text import Text, text_of
 from bayestissue.reports.paper.workbook import people_wide, write_sheets
@@ -93,20 +89,6 @@ def test_the_text_says_what_an_impact_does(folder: Path, exported: Path) -> None
     assert of_levels.format(**ratio) in text
 
 
-def test_the_text_says_which_level_is_best_and_how_its_figures_were_made(run: bt.Fit, exported: Path) -> None:
-    markdown = (exported / "methods.md").read_text(encoding="utf-8")
-    levels = run.levels.query("quantity == 'peak_force'").set_index("level")
-    best = levels["median"].idxmin()
-    assert f"Of the levels of side, {best} almost certainly has the lowest peak force" in markdown
-    assert f"{Spread(*levels.loc[best, ['median', 'low', 'high']]).value} N" in markdown
-    draws = sorted({*run.loops["draws"], *run.curves["draws"]})
-    assert "Figures of force over depth" in markdown
-    assert f"the impact simulated in {draws[0]} and {draws[1]} draws" in markdown
-    sheets = pd.read_excel(exported / "tables.xlsx", sheet_name=None, engine="calamine")
-    assert {"levels", "loops", "curves"} <= set(sheets)
-    assert (exported / "figures" / "force-over-depth-by-side.pdf").is_file()
-
-
 def test_an_interaction_stands_in_text_and_table_and_factors_of_equal_levels_apart(run: bt.Fit) -> None:
     names = {"factor": "group:session", "level": "b:after/before", "against": "a:after/before", "note": ""}
     numbers = {"ratio": 1.22, "low": 1.1, "high": 1.35, "p_direction": 0.98, "p_equivalent": 0.12}
@@ -135,21 +117,9 @@ def test_nothing_is_claimed_where_no_element_describes_the_recordings(run: bt.Fi
     assert text.table.empty
 
 
-def test_failed_diagnostics_come_first(run: bt.Fit) -> None:
-    verdict = {"passed": False, "warned": False, "headline": "Diagnostics failed.", "doubts": "R-hat 1.2."}
-    text = text_of(changed(run, record={"verdict": verdict}))
-    assert text.sections["Results"][0] == "These results are in doubt: Diagnostics failed. R-hat 1.2."
-
-
-def test_a_bar_in_a_cell_does_not_end_it(tmp_path: Path) -> None:
-    text = Text("t", table=pd.DataFrame([["a|b", "1"]], columns=["", "K"]))
-    write_markdown(text, tmp_path / "text.md")
-    assert "| a\\|b | 1 |" in (tmp_path / "text.md").read_text(encoding="utf-8")
-
-
 def test_names_are_shown_and_not_obeyed(tmp_path: Path) -> None:
     odd = "<script>alert(1)</script> *a* `b` [c](http://d) &lt; _e_ K_new\n# no heading"
-    text = Text(odd, table=pd.DataFrame([[odd.replace("\n", " "), "1"]], columns=["", "K"]))
+    text = Text(odd, table=pd.DataFrame([[odd.replace("\n", " "), "a|b"]], columns=["", "K"]))
     text.add("Methods", f"{odd} was hit: log(mass_kg) + (1|subject), p < 0.05 [1, 2].")
     write_markdown(text, tmp_path / "text.md")
     write_word(replace(text, title=odd + "x" * 300), tmp_path / "text.docx")
@@ -157,7 +127,7 @@ def test_names_are_shown_and_not_obeyed(tmp_path: Path) -> None:
     written = (tmp_path / "text.md").read_text(encoding="utf-8")
     assert f"# {shown}\n" in written
     assert f"{shown} was hit: log(mass_kg) + (1|subject), p < 0.05 [1, 2]." in written
-    assert f"| {shown} | 1 |" in written
+    assert f"| {shown} | a\\|b |" in written
 
 
 def test_cells_of_the_workbook_are_typed(folder: Path, exported: Path) -> None:
@@ -237,39 +207,17 @@ def test_figures_are_as_wide_as_a_column_and_have_their_rows(exported: Path) -> 
         width = float(re.search(r'width="([\d.]+)"', svg)[1])
         # An inch has 96 pixels, and 300 dots.
         assert width == pytest.approx(85 / 25.4 * 96, abs=0.01)
+        assert (figures / f"{name}.pdf").read_bytes().startswith(b"%PDF")
         with Image.open(figures / f"{name}.png") as image:
             assert image.width == pytest.approx(85 / 25.4 * 300, abs=1)
-        box = re.search(rb"/MediaBox ?\[0 0 ([\d.]+)", (figures / f"{name}.pdf").read_bytes())
-        assert float(box[1]) == pytest.approx(85 / 25.4 * 72, abs=0.1)
         assert len(pd.read_csv(figures / f"{name}.csv"))
         assert "NaN" not in svg
-
-
-def test_in_python_it_is_a_method(folder: Path, tmp_path: Path) -> None:
-    out = bt.read_run(folder).export(tmp_path / "paper", width_mm=170)
-    assert {path.name for path in out.iterdir()} >= {"methods.docx", "methods.md", "tables.xlsx", "figures"}
 
 
 def test_what_is_there_is_not_replaced(folder: Path, exported: Path) -> None:
     assert bayestissue("export", folder, "--out", exported).status == 2
     assert bayestissue("export", folder, "--out", folder, "--overwrite").status == 2
     assert bayestissue("export", exported, "--out", exported.with_name("new")).status == 2
-
-
-def test_flagged_recordings_are_said_as_a_paper_would(run: bt.Fit) -> None:
-    recordings = flagged_recordings([f"i{n}" for n in range(1, 10)], [[], [], ["spikes"], *[[]] * 6])
-    clipped = clipped_recordings(["i1", "i2"], [True, False])
-    doubts = "R-hat at most 1.0, no divergences."
-    verdict = {"passed": True, "headline": "Diagnostics passed.", "doubts": doubts, "warned": False}
-    said = {"recordings": recordings, "clipped": clipped}
-    sections = text_of(changed(run, record={"verdict": verdict}, diagnostics=said)).sections
-    assert sections["Measurements"][-1] == (
-        "Of 9 recordings 1 is flagged: spikes (1); i3. Its K and C may be wrong. "
-        "Of 2 recordings 1 is clipped: i1. Samples at the sensor's limit count as that much or more."
-    )
-    assert re.search(
-        r"Diagnostics passed\. R-hat at most 1\.0, no divergences \[\d+\]\.$", sections["Computation"][0]
-    )
 
 
 def test_exclusions_are_a_sentence(run: bt.Fit) -> None:
@@ -287,18 +235,3 @@ def test_exclusions_are_a_sentence(run: bt.Fit) -> None:
     # A run of an earlier version has no words for a sentence.
     short = f"Of {len(run.impacts) + 1} recordings, 1 was left out of the analysis."
     assert short in said(left_out=["a"], exclusions=[])
-
-
-def test_one_person_is_this_one(monkeypatch):
-    one = SimpleNamespace(value="2000", range="1900 to 2100")
-    monkeypatch.setattr(text, "levels", lambda _: [Levels("K", "N/m", one, one)])
-    said = text._levels(SimpleNamespace(impacts=[1, 2], people_count=1))
-    assert said.startswith("Of this person K was 2000 N/m (1900 to 2100). Of a new impact")
-    said = text._levels(SimpleNamespace(impacts=[1, 2], people_count=2))
-    assert said.startswith("Of a typical person K was 2000 N/m (1900 to 2100). Of a new person")
-
-
-def test_one_impact_has_its_own_k_and_c():
-    rows = pd.DataFrame({"median": [2000.0], "eti90_low": [1900.0], "eti90_high": [2100.0]})
-    run = SimpleNamespace(impacts=["a"], estimates_by_method={"K": rows, "C": rows / 100})
-    assert text._levels(run) == "Of this impact: K 2000 N/m (1900 to 2100) and C 20.0 N s/m (19.0 to 21.0)."

@@ -103,11 +103,6 @@ def test_the_command_writes_what_it_found_and_ends_by_its_verdict(
     assert [path.name for path in tmp_path.iterdir()] == ["selftest"]
 
 
-@pytest.mark.slow
-def test_single_impacts_are_calibrated(tmp_path: Path) -> None:
-    assert all(finding.passed for finding in fits.calibrated(tmp_path, 1))
-
-
 @pytest.mark.long
 def test_the_self_test_passes_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
