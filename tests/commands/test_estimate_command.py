@@ -48,7 +48,6 @@ def test_writes_a_whole_run(dataset: Path, tmp_path: Path) -> None:
     assert about["model"]["signal"] == {"contact": "automatic", "window": "peak"}
 
 
-@pytest.mark.slow
 def test_conditional_run_shows_what_centring_does(dataset: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     ran = bayestissue("estimate", dataset, "--out", out, "--method", "dds")
