@@ -208,6 +208,27 @@ def test_a_mass_that_impacts_share_is_a_source_of_the_mean(monkeypatch, whose, e
         # prior of variance 9 draws a mean of variance 0.036 in by 0.4 %, and so its parts by twice that.
         assert_allclose(variance["mass"], 0.2**2 / errors, rtol=0.02)
         assert_allclose(variance["people"], 0.3**2 / PEOPLE, rtol=0.02)
+    # Of an impact, whose trace tells all but the mass: of what is left of its error by how much its prior
+    # variance makes it, and the whole.
+    code = given.mass_group
+    assert code is not None
+
+    def left(variance: float) -> float:
+        own = np.ones((len(u), 1)), given.design.subject[:, None] == range(PEOPLE)
+        block = np.hstack([*own, given.design.trial[:, None] == range(CONDITIONS)]).astype(float)
+        X = np.hstack([np.kron(np.eye(2), block), -np.tile(1.0 * (code[:, None] == range(errors)), (2, 1))])
+        of_response = [priors.sd**2, *[0.3**2] * PEOPLE, *[0.1**2] * CONDITIONS]
+        prior = np.array([*of_response, *of_response, *[variance] * errors])
+        return float(np.linalg.inv(X.T @ X / (0.05**2 + 1e-6) + np.diag(1 / prior))[-errors, -errors])
+
+    priors = given.model.priors.intercept.K
+    assert priors.sd == given.model.priors.intercept.C.sd
+    step = 1e-3
+    made = (left(0.2**2 * np.exp(step)) - left(0.2**2 * np.exp(-step))) / (2 * step)
+    of_impact = found.loc[("impact", "K")]["sd"] ** 2
+    # Differences are off by a share of the step's square; impacts are alike, and so is their median.
+    assert_allclose(of_impact["mass"], made, rtol=1e-5)
+    assert_allclose(of_impact["all"], left(0.2**2) + 1e-6, rtol=1e-3)
 
 
 def test_contact_that_the_traces_tell_is_known_but_for_a_normal_error() -> None:

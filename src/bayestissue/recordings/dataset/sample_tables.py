@@ -187,7 +187,8 @@ def _parse_parquet(
     data: bytes, schema: pa.Schema, label: str, numbers: Sequence[str], labels: Sequence[str]
 ) -> Contents:
     wanted = [*labels, *numbers]
-    refuse(column_problems(label, schema.names, wanted) or _type_problems(label, schema, numbers, labels))
+    missing = column_problems(label, schema.names, wanted)
+    refuse([*missing, *_type_problems(label, schema, numbers, labels)])
     # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
     once = [name for name in labels if _is_text(schema.field(name).type)]
     with decoded("parquet", label):
@@ -211,8 +212,8 @@ def _type_problems(
 ) -> Iterator[Problem]:
     """Columns of numbers that hold something else, and columns of names that hold neither text nor counts."""
     for key, names, fits in (("numbers", numbers, _numeric), ("names", labels, _of_names)):
-        for name in names:
-            if not fits(kind := schema.field(name).type):
+        for name in filter(schema.names.__contains__, names):
+            if not fits(kind := schema.field(schema.names.index(name)).type):
                 yield Problem.stated(f"column-type.{key}", label, column=name, value=str(kind))
 
 
