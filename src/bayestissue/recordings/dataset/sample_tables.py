@@ -211,10 +211,11 @@ def _type_problems(
     label: str, schema: pa.Schema, numbers: Sequence[str], labels: Sequence[str]
 ) -> Iterator[Problem]:
     """Columns of numbers that hold something else, and columns of names that hold neither text nor counts."""
+    types = dict(zip(schema.names, schema.types, strict=True))
     for key, names, fits in (("numbers", numbers, _numeric), ("names", labels, _of_names)):
-        for name in filter(schema.names.__contains__, names):
-            if not fits(kind := schema.field(schema.names.index(name)).type):
-                yield Problem.stated(f"column-type.{key}", label, column=name, value=str(kind))
+        for name in filter(types.get, names):
+            if not fits(types[name]):
+                yield Problem.stated(f"column-type.{key}", label, column=name, value=str(types[name]))
 
 
 def _of_names(kind: pa.DataType) -> bool:
