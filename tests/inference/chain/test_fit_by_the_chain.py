@@ -29,9 +29,9 @@ RECORDING = {
 }
 
 
-def campaign(people: int, masses: tuple[float, ...], rate: float = 2000.0) -> Dataset:
+def campaign(people: int, masses: tuple[float, ...], rate: float = 2000.0, **errors: float) -> Dataset:
     """Clean impacts of some people with some masses."""
-    tissue, recording = spreads(subject=0.2, impact=0.05), {"sampling_rate_hz": rate, **RECORDING}
+    tissue, recording = spreads(subject=0.2, impact=0.05), {"sampling_rate_hz": rate, **RECORDING, **errors}
     return simulated(tissue, recording, people=people, masses=masses, seed=5).dataset("small")
 
 
@@ -40,10 +40,12 @@ def fitted(dataset: Dataset, chains: int = 4, **model: Any) -> bt.Fit:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("model", [{}, {"discrepancy": "always"}])
-def test_it_draws_from_the_posterior_that_trajectories_find(model):
+@pytest.mark.parametrize(
+    ("model", "errors"), [({}, {}), ({"discrepancy": "always"}, {}), ({}, {"relative_gain_sd": 0.01})]
+)
+def test_it_draws_from_the_posterior_that_trajectories_find(model, errors):
     """The referee: No-U-Turn on hyperparameters, effects and impacts, from gradients of the traces."""
-    here = campaign(3, (0.5, 0.8, 1.2))
+    here = campaign(3, (0.5, 0.8, 1.2), **errors)
     kernel = NUTS(bt.numpyro_model(here, MODEL | model), target_accept_prob=0.95, dense_mass=False)
     chains = MCMC(kernel, num_warmup=1500, num_samples=2500, num_chains=2, chain_method="sequential")
     chains.run(jax.random.key(0))

@@ -12,6 +12,7 @@ import numpy as np
 import numpyro
 import pandas as pd
 from jaxtyping import Float, Int
+from numpyro.infer.reparam import LocScaleReparam
 
 from bayestissue.base.errors import InputError, Problem, along_with
 from bayestissue.mechanics.elements import element
@@ -34,6 +35,7 @@ from bayestissue.model.hierarchy.reference import Reference
 from bayestissue.model.hierarchy.responses import RESPONSES, parameter_of
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.model.hierarchy.trace_models import (
+    GAIN,
     Kind,
     Record,
     TraceData,
@@ -535,14 +537,16 @@ def named_model(prepared: Prepared) -> Callable[[], None]:
     """`plain_model` of a fit's data, with effects, K and C by their names beside what is sampled.
 
     K and C are at the recorded mass, whose error, where impacts share it, is ``log_mass_error``. A
-    discrepancy is there as the log of its rms.
+    discrepancy is there as the log of its rms. A gain is sampled in units of its spread, which may be nearly
+    0, since one trace tells little of it.
     """
     model = prepared.model
+    in_spreads = {GAIN: LocScaleReparam(0)}
 
     def named() -> None:
         if not jax.config.jax_enable_x64:
             raise RuntimeError("these likelihoods need double precision: call numpyro.enable_x64() first")
-        with numpyro.handlers.trace() as sampled:
+        with numpyro.handlers.trace() as sampled, numpyro.handlers.reparam(config=in_spreads):
             plain_model(model, jax.tree.map(jnp.asarray, prepared.data))
         value = {name: site["value"] for name, site in sampled.items() if site["type"] == "sample"}
         effects = effects_by_name(model.locations, prepared.design, value["locations"])
