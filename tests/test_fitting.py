@@ -162,6 +162,7 @@ def test_a_model_needs_no_file(dataset, monkeypatch):
 
 
 @pytest.mark.parametrize("choice", ["automatic", "none"])
+@pytest.mark.slow
 def test_structured_residuals_ask_for_a_second_fit(dataset, fitted, monkeypatch, tmp_path, choice):
     """The fits themselves are made up: what is asked for, told and kept is not."""
     form = {"score": 9.0, "structured": True, "words": "first"}

@@ -38,6 +38,7 @@ def test_it_is_the_row_that_estimate_has(example, found: bt.Impact):
     assert found.outcomes.loc["peak_force", "median"] == row["peak_force_N"]
 
 
+@pytest.mark.slow
 def test_its_picture_and_words(found: bt.Impact):
     left = found.deceleration - found.fitted
     assert left.std() == pytest.approx(found.row["noise_sd_m_s2"], rel=0.2)

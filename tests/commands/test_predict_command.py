@@ -10,6 +10,7 @@ from command_line import bayestissue
 from make_fit_run import make_fit_run
 
 
+@pytest.mark.slow
 def test_predictions_are_printed_and_written_in_the_dataset_s_nouns(tmp_path: Path) -> None:
     run, at = make_fit_run(tmp_path / "run"), tmp_path / "new.csv"
     record = json.loads((run / "run.json").read_text(encoding="utf-8"))

@@ -126,6 +126,7 @@ def without_a_known_contact(recorder: dict[str, Any], model: str, force: dict[st
         ({"low_pass_hz": 400.0, "zero_phase": True}, "impact"),
     ],
 )
+@pytest.mark.slow
 def test_its_rows_begin_once_contact_must_have_been(recorder: dict[str, Any], model: str) -> None:
     ready = without_a_known_contact(recorder, model)
     assert ready.force is not None

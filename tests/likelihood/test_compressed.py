@@ -125,6 +125,7 @@ def test_nodes_have_the_density_of_all_samples(kinds: dict[str, bool]) -> None:
     assert known > 0.95 * 8 * IMPACTS
 
 
+@pytest.mark.slow
 def test_many_impacts_are_summed_block_by_block() -> None:
     here = record(gravity=False, modes=False, uniform=True)
     at, rows = impacts(here, 0.01), np.resize(np.arange(IMPACTS), 5 * LANES // 2)

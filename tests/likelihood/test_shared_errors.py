@@ -7,6 +7,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from dense_impact import record_of
 from jax import Array
 from jax.scipy.special import logsumexp
@@ -39,6 +40,7 @@ def log_density(record: DecelerationRecord, moves: Array, faster: Array) -> Arra
     return MeasuredImpact(element("moving_mass"), parameters, noise, record).log_density().sum()
 
 
+@pytest.mark.slow
 def test_many_impacts_tell_the_mass_that_moves_along_as_the_integral_over_one_error_does() -> None:
     record = recorded()
     wide = record.error_sd.at[:, VELOCITY].set(np.sqrt(NUMBER) * RELATIVE_SD * V)

@@ -77,6 +77,7 @@ def test_what_a_plan_has_no_motion_for_is_refused(question, changed, expected) -
     assert expected in " ".join(problem.expected for problem in problems.values())
 
 
+@pytest.mark.slow
 def test_between_the_grid_an_outcome_is_its_law_s() -> None:
     rng = np.random.default_rng(0)
     # On both sides of borders between tiles, and where all are thrown back.

@@ -290,6 +290,7 @@ def test_a_force_is_clipped_at_its_limit_and_read_so(tmp_path):
         np.testing.assert_array_equal(np.concatenate(marked), force >= limit)
 
 
+@pytest.mark.slow
 def test_a_force_below_the_tissue_moves_the_tissue_too():
     gravity = 9.80665
     plate, tissue = {"place": "base"}, {"element": "moving_mass", "parameters": {"moving_mass_kg": 0.2}}

@@ -78,6 +78,7 @@ def test_the_velocity_up_to_which_a_claim_holds(study: Study) -> None:
     assert (beyond in row["note"]) == bool(share)
 
 
+@pytest.mark.slow
 def test_the_height_up_to_which_a_claim_holds_at_that_height(study: Study) -> None:
     falling = replace(study, law=Law(gravity=G))
     row = ask(falling, numbered(["critical(drop_height_cm, peak_force[side=left, mass_kg=2] < 100)"])).iloc[0]

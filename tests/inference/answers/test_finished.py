@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import xarray as xr
 
 from bayestissue import read_run
@@ -9,6 +10,7 @@ from bayestissue.inference.answers.study import Study
 from make_fit_run import make_fit_run
 
 
+@pytest.mark.slow
 def test_beside_a_discrepancy_there_is_no_law_whatever_was_read(tmp_path):
     # `compare` leaves out most of what impacts have. The element's own force is not the tissue's: its peak
     # had a narrow interval that missed the tissue's.

@@ -75,6 +75,7 @@ def greatest(pad: str, V: float) -> float:
     return at(np.linspace(0, end, 20_001))[1].max()
 
 
+@pytest.mark.slow
 def test_loops_and_curves_are_those_of_an_independent_integration() -> None:
     compared = Contrasts(Study(draws_of(0.0), recorded(), Law("kelvin_voigt", G)))
     table = loops_table(compared)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bayestissue.base.padding import padded_impacts
@@ -38,6 +39,7 @@ def log_likelihood(target: Target, u: jax.Array) -> jax.Array:
     return target.log_likelihood(u)
 
 
+@pytest.mark.slow
 def test_one_trace_that_is_not_within_the_bound_has_all_asked_of_all_samples() -> None:
     made = prepared()
     target, u = Target.from_prepared(made), jnp.asarray(padded_impacts(expanded(made)).centre).T

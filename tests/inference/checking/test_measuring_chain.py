@@ -97,6 +97,7 @@ def test_the_error_that_was_made_is_found_to_its_standard_error(impact: Prepare,
     assert np.abs(made / found.expected_sd).mean() < 1 + FAR / np.sqrt(12)
 
 
+@pytest.mark.slow
 def test_one_wrong_velocity_of_twelve_is_named(impact: Prepare, good: Dataset) -> None:
     factor = np.where(np.arange(12) == 7, 1.1, 1.0)
     found = judge(impact(with_column(good, "velocity_m_s", factor)))

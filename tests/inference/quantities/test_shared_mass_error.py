@@ -69,6 +69,7 @@ def test_a_mass_of_each_person_is_an_error_of_people() -> None:
     jax.tree.map(np.testing.assert_array_equal, of_masses.data, of_people.data)
 
 
+@pytest.mark.slow
 def test_one_error_of_all_masses_moves_all_alike_and_is_as_wide_as_declared() -> None:
     made, told = prepared("all"), summaries()
     found = drawn(made, told)
