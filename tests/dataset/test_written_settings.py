@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
+import pytest
 from annotated_types import Ge, Gt, Le, MaxLen
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
@@ -95,7 +96,9 @@ def is_read_back(content: dict[str, Any]) -> None:
 
 
 FEW = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+MANY = settings(FEW, max_examples=10_000)
 test_what_is_stated_is_read_back = FEW(given(drawn_settings())(is_read_back))
+test_what_is_stated_is_read_back_of_many = pytest.mark.long(MANY(given(drawn_settings())(is_read_back)))
 
 
 def dataset_is_read_back(content: dict[str, Any]) -> None:
@@ -121,3 +124,6 @@ def dataset_is_read_back(content: dict[str, Any]) -> None:
 
 
 test_a_dataset_is_read_back = settings(FEW, max_examples=10)(given(drawn_settings())(dataset_is_read_back))
+test_a_dataset_is_read_back_of_many = pytest.mark.long(
+    settings(FEW, max_examples=1000)(given(drawn_settings())(dataset_is_read_back))
+)
