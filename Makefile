@@ -63,17 +63,17 @@ report-published: $(READY)
 	@$(BIN)/bayestissue reproduce --out $(REPORTS)/published --overwrite
 
 # Types are one process's work and tests two processes', so that neither leaves a core idle.
-test: $(READY_FOR_TESTS)  ## style, types, import order and the quick tests, some six minutes the first time
+test: $(READY_FOR_TESTS)  ## style, types, import order and the quick tests, some five minutes the first time
 	@$(MAKE) --no-print-directory -j2 check-code run-tests
 
-test-all: test run-slow-tests  ## the slow tests too, half an hour or so more
+test-all: test run-slow-tests  ## the slow tests too, twenty minutes or so more
 
 run-tests: $(READY_FOR_TESTS)
-	@echo "quick tests, five minutes the first time, when all is compiled ..."
+	@echo "quick tests, three minutes the first time, when all is compiled ..."
 	@$(BIN)/python -m pytest
 
 run-slow-tests: test check-benchmarks
-	@echo "slow tests, half an hour or so ..."
+	@echo "slow tests, twenty minutes or so ..."
 	@$(BIN)/python -m pytest -m "slow and not long"
 
 check-code: $(READY_FOR_TESTS)

@@ -62,9 +62,7 @@ def nuts_draws(prepared: Prepared) -> tuple[dict[str, np.ndarray], int]:
     """Draws [chain, draw, ...] of every quantity, and the divergent transitions."""
     centre = expanded(prepared).centre
     near = {"log_K_and_C": centre[:, :2]}
-    # A gain is sampled in units of its spread, and begins at random.
-    nuisance = [name for name in prepared.model.nuisance if name != "log_gain"]
-    near |= {name: centre[:, 2 + prepared.model.nuisance.index(name)] for name in nuisance}
+    near |= {name: centre[:, 2 + number] for number, name in enumerate(prepared.model.nuisance)}
     kernel = NUTS(named_model(prepared), target_accept_prob=0.9, init_strategy=init_to_value(values=near))
     mcmc = MCMC(
         kernel,

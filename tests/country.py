@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-
 from dataset_bench import deceleration
 
 VELOCITY = 1.2
@@ -72,8 +69,3 @@ def recordings(folder: Path, country: Country, people: int = 15) -> list[dict[st
 def facts(path: Path, country: Country, rows: list[dict[str, str]]) -> None:
     bare = Country(country.encoding, country.delimiter, country.decimal)
     path.write_bytes(bare.table(list(rows[0]), [list(row.values()) for row in rows]))
-
-
-def truth(rows: list[dict[str, str]]) -> pd.DataFrame:
-    masses = [float(row["mass_kg"].replace(",", ".")) for row in rows]
-    return pd.DataFrame({"mass_kg": np.array(masses)})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,6 @@ from bayestissue.studies.checking import check
 pytestmark = pytest.mark.slow
 
 NAMES = plan_of_drops(12)
-Watched = Callable[[Sequence[str]], Watch]
 
 
 def stems(names: list[str]) -> list[str]:

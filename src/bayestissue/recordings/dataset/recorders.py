@@ -82,9 +82,10 @@ def _long_table(folder: Path, *, in_files: bool) -> Path | None:
     """The one table of all samples; None where each impact has a file, beside which there must be none."""
     names = [name for name in LONG_TABLES if (folder / name).exists()]
     if len(names) + in_files != 1:
+        key = "both" if in_files else "several" if names else "no-table"
         there = [*names, "a column trace in impacts.csv"] if in_files else names
         words = {"value": ", ".join(there) or "no table of samples", "tables": ", ".join(LONG_TABLES)}
-        raise InputError.stated("which-recordings.tables", (names or LONG_TABLES)[0], **words)
+        raise InputError.stated(f"which-recordings.{key}", (names or LONG_TABLES)[0], **words)
     return folder / names[0] if names else None
 
 
