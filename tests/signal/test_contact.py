@@ -7,8 +7,7 @@ import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 
 from bayestissue.recordings.signal import SignalOptions, displacements
-from bayestissue.recordings.signal.contact import since_release
-from bayestissue.recordings.signal.displacement import BEFORE, NO_CONTACT, TOO_FEW
+from bayestissue.recordings.signal.displacement import BEFORE, NO_CONTACT, TOO_FEW, since_release
 from bayestissue.recordings.signal.padded_traces import stack
 from bayestissue.recordings.signal.quality import inspect, raised
 

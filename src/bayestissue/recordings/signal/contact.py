@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY, LowPassFilter, Quantity
-from bayestissue.recordings.dataset.ragged_traces import Trace, Traces
+from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import ahead_s
 from bayestissue.recordings.signal.padded_traces import (
     Column,
@@ -18,11 +17,9 @@ from bayestissue.recordings.signal.padded_traces import (
     PaddedTraces,
     at,
     first_where,
-    from_sample,
     last_where,
     noise_sd,
     segment_moments,
-    stack,
     standard_error,
 )
 from bayestissue.recordings.signal.signal_settings import CONTACT, SignalOptions
@@ -74,39 +71,6 @@ class Onset:
     doubtful: Mask
     reach: Column
     blurred: Mask
-
-
-def motion_of(traces: Sequence[Trace], quantity: Quantity) -> PaddedTraces:
-    """The recordings of these traces, positive while the impactor slows, from its release on."""
-    slowing = stack(Traces.of(traces).slowing(quantity))
-    return slowing if quantity == "displacement" else since_release(slowing)
-
-
-def since_release(recordings: PaddedTraces) -> PaddedTraces:
-    """Each recording from where its impactor falls freely, if it was held before; else as it is.
-
-    What is held reads one g more than what falls, whatever the zero: most of the samples before the lowest
-    level ahead of the peak do. Noise that hides such a step hides what was held.
-    """
-    g, value, index = STANDARD_GRAVITY, recordings.value, np.arange(recordings.value.shape[1])
-    peak = np.argmax(np.where(recordings.inside, value, -np.inf), axis=1)
-    size = min(CONTACT.quiet_samples, len(index))
-    means = np.lib.stride_tricks.sliding_window_view(value, size, axis=1).mean(axis=-1)
-    ahead = index[: means.shape[1]] < (peak - size)[:, None]
-    lowest = np.argmin(np.where(ahead, means, np.inf), axis=1)
-    high = (value > (at(means, lowest) + g / 2)[:, None]) & (index <= lowest[:, None])
-    last = np.maximum(last_where(high), 0)
-    held, until_peak = index <= last[:, None], index <= np.maximum(peak, last + 1)[:, None]
-    level = np.nanmedian(np.where(held, value, np.nan), axis=1)
-    # The lower quartile: letting go may ring, and the peak's foot is no free fall.
-    falls = np.nanquantile(np.where(until_peak & ~held, value, np.nan), 0.25, axis=1)
-    released = (np.abs((level - falls) / g - 1) < CONTACT.about_g) & (last + 1 >= CONTACT.quiet_samples)
-    released &= CONTACT.certain * noise_sd(recordings) < g / 2
-    if not released.any():
-        return recordings
-    # Letting go takes a while.
-    first = np.where(released, last + 1 + np.ceil(CONTACT.letting_go * (peak - last)).astype(int), 0)
-    return from_sample(recordings, first)
 
 
 def find_onset(

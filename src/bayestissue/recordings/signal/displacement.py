@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Int
 
 from bayestissue.base.errors import Coded, by_impact
-from bayestissue.recordings.dataset.dataset_file import LowPassFilter
+from bayestissue.recordings.dataset.dataset_file import STANDARD_GRAVITY, LowPassFilter, Quantity
 from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.recordings.dataset.ragged_traces import Trace, Traces
 from bayestissue.recordings.signal.contact import (
     Onset,
     QuietPart,
     displacement_contact,
     find_onset,
-    motion_of,
 )
 from bayestissue.recordings.signal.integrals import Rule, clear_velocity, cumulative, derivatives
 from bayestissue.recordings.signal.padded_traces import (
@@ -25,12 +25,14 @@ from bayestissue.recordings.signal.padded_traces import (
     ImpactTraces,
     Index,
     Mask,
+    PaddedTraces,
     Rows,
     at,
     first_where,
     from_sample,
     last_where,
     noise_sd,
+    stack,
 )
 from bayestissue.recordings.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
 from bayestissue.recordings.signal.signal_settings import CONTACT, WINDOW, SignalOptions, Window
@@ -245,6 +247,39 @@ def displacements(
     of_phase = [Coded.stated("contact-on-sample")] * (phase.known and phase.judged)
     of_phase += [NOT_ON_SAMPLE] * phase.contradicted
     return replace(signal, phase=phase, notes=[row + of_phase for row in signal.notes])
+
+
+def motion_of(traces: Sequence[Trace], quantity: Quantity) -> PaddedTraces:
+    """The recordings of these traces, positive while the impactor slows, from its release on."""
+    slowing = stack(Traces.of(traces).slowing(quantity))
+    return slowing if quantity == "displacement" else since_release(slowing)
+
+
+def since_release(recordings: PaddedTraces) -> PaddedTraces:
+    """Each recording from where its impactor falls freely, if it was held before; else as it is.
+
+    What is held reads one g more than what falls, whatever the zero: most of the samples before the lowest
+    level ahead of the peak do. Noise that hides such a step hides what was held.
+    """
+    g, value, index = STANDARD_GRAVITY, recordings.value, np.arange(recordings.value.shape[1])
+    peak = np.argmax(np.where(recordings.inside, value, -np.inf), axis=1)
+    size = min(CONTACT.quiet_samples, len(index))
+    means = np.lib.stride_tricks.sliding_window_view(value, size, axis=1).mean(axis=-1)
+    ahead = index[: means.shape[1]] < (peak - size)[:, None]
+    lowest = np.argmin(np.where(ahead, means, np.inf), axis=1)
+    high = (value > (at(means, lowest) + g / 2)[:, None]) & (index <= lowest[:, None])
+    last = np.maximum(last_where(high), 0)
+    held, until_peak = index <= last[:, None], index <= np.maximum(peak, last + 1)[:, None]
+    level = np.nanmedian(np.where(held, value, np.nan), axis=1)
+    # The lower quartile: letting go may ring, and the peak's foot is no free fall.
+    falls = np.nanquantile(np.where(until_peak & ~held, value, np.nan), 0.25, axis=1)
+    released = (np.abs((level - falls) / g - 1) < CONTACT.about_g) & (last + 1 >= CONTACT.quiet_samples)
+    released &= CONTACT.certain * noise_sd(recordings) < g / 2
+    if not released.any():
+        return recordings
+    # Letting go takes a while.
+    first = np.where(released, last + 1 + np.ceil(CONTACT.letting_go * (peak - last)).astype(int), 0)
+    return from_sample(recordings, first)
 
 
 def still_pushed(decelerations: ImpactTraces, noise_sd: Column) -> Mask:

@@ -10,8 +10,7 @@ import pandas as pd
 from bayestissue.base.errors import Coded, by_impact
 from bayestissue.base.remedies import flags
 from bayestissue.recordings.dataset.model import Dataset
-from bayestissue.recordings.signal.contact import motion_of
-from bayestissue.recordings.signal.displacement import displacements
+from bayestissue.recordings.signal.displacement import displacements, motion_of
 from bayestissue.recordings.signal.padded_traces import Column, Index, Mask
 from bayestissue.recordings.signal.quality import beginning, force_laws, samples, velocity
 from bayestissue.recordings.signal.quality.samples import PulseAndRests
