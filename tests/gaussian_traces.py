@@ -22,7 +22,8 @@ from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.model.hierarchy.trace_models import impacts_model
 from bayestissue.recordings.dataset.arrays import dataset
 
-# Standard deviations with which a trace tells log K, log C, the noise and the log of a mass that moves along.
+# Standard deviations with which a trace tells log K, log C, the noise, and a gain, or the log of a mass that
+# moves along.
 TOLD = np.array([0.1, 0.3, 0.2, 0.4])
 
 
@@ -54,7 +55,7 @@ class MixtureTarget(Target):
         return jnp.where(self.present, logsumexp(self.traces.log_density(u.T), axis=0), 0.0)
 
 
-def prepared(K: str, table: dict[str, Any], **model: Any) -> Prepared:
+def prepared(K: str, table: dict[str, Any], gain_sd: float = 0.0, **model: Any) -> Prepared:
     """A small campaign of short traces, whose values no test here reads; ``model`` has a model's keys."""
     time = np.arange(-1e-2, 0.04, 1e-3)
     omega, V = 80.0, 1.5
@@ -64,7 +65,7 @@ def prepared(K: str, table: dict[str, Any], **model: Any) -> Prepared:
     rng = np.random.default_rng(0)
     traces = [(time, trace + rng.normal(size=len(time))) for _ in range(len(rows))]
     rows = rows.assign(impact=[f"i{n}" for n in range(len(rows))], velocity_m_s=V)
-    uncertainty = {"relative_mass_sd": 0.2}
+    uncertainty = {"relative_mass_sd": 0.2, "relative_gain_sd": gain_sd}
     stated = {"uncertainty": uncertainty, "contact": "between"}
     data = dataset(rows, traces, quantity="deceleration", unit="m/s^2", **stated)
     from bayestissue.studies.fitting import resolve
@@ -118,4 +119,5 @@ def bad_tuning(target: GaussianTarget, several: int = 1) -> tuple[Tuning, Steps]
     inner, levels = target.level_effects.shape
     of_level = jnp.broadcast_to(0.2 * jnp.eye(inner), (levels, inner, inner))
     steps = Steps(jnp.full(count, 0.8), jnp.full(count, 0.5), length, length, jnp.ones(levels))
-    return Tuning(sites, near, roots, of_level), steps
+    along = jnp.full((size, count), 0.5)
+    return Tuning(sites, near, roots, of_level, StudentT(jnp.zeros(2), jnp.full(2, 0.7)), along), steps

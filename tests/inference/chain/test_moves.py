@@ -113,7 +113,8 @@ def test_a_move_leaves_the_joint_law_as_it_is(structure, name, several):
         *(("people", name, {}) for name in ("by_population", "by_level", "centred")),
         ("pads", "by_level", {}),
         # Both step where K and C are over M + m: no volume may change by that.
-        *(("people", name, {"element": "moving_mass"}) for name in ("by_added_mass", "by_walk")),
+        *(("people", name, {"element": "moving_mass"}) for name in ("by_common", "by_walk")),
+        ("people", "by_common", {"gain_sd": 0.3}),
     ],
 )
 def test_a_move_leaves_the_joint_law_as_it_is_in_few_draws(structure, name, model):

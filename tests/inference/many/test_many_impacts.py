@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from arviz_stats.base import array_stats
 
 from bayestissue.inference import fit as traces
 from bayestissue.inference.chain import chain_settings, draws
@@ -158,3 +159,20 @@ def test_of_many_impacts_some_begin_and_some_draws_are_kept(dozen, monkeypatch) 
     found = traces.draws_of_chain(made, chains, 1)
     np.testing.assert_array_equal(found.kept_numbers, chains.impact_draws)
     assert all(np.isfinite(values).all() for values in found.log_likelihood.values())
+
+
+@pytest.mark.slow
+def test_of_many_impacts_an_error_of_the_gain_of_all_moves(monkeypatch) -> None:
+    """Its mean over impacts is known far better than any impact's own: no step of theirs alone moves it."""
+    recording = {"sampling_rate_hz": 5000.0, "noise_relative_to_peak": 0.003, "relative_gain_sd": 0.02}
+    campaign = simulated({}, recording, people=3, masses=(0.5, 1.0), design={"repeats": 10}, seed=6)
+    made = prepare(
+        campaign.dataset("gain"), ModelSpecification(name="impact", likelihood="impact"), source="model"
+    )
+    for module in (draws, chain_settings):
+        monkeypatch.setattr(module, "TOGETHER", 5)
+    monkeypatch.setattr(draws, "FIRST", 30)
+    chains = traces.sample(made, Sampler(chains=2, transitions=1000), 2)
+    gain = chains.population.b[..., made.model.locations.parts["log_gain_mean"]][..., 0]
+    # By steps of impacts alone and a spread that is sampled there were ten.
+    assert array_stats.ess(np.asarray(gain)) > 100

@@ -172,7 +172,7 @@ def test_a_trace_alone_has_its_own_errors_and_the_mass_s(given, u, table) -> Non
 def test_a_gain_of_all_impacts_is_a_source_by_itself(given: Prepared, u: np.ndarray) -> None:
     shared = planned(np.full(CONDITIONS, 0.7), gain_error="all")
     draws = drawn(shared, np.insert(u, 3, 0.0, axis=1))
-    spread = {"sd_log_gain": np.full((2, 50), 1e-3), "log_gain_mean": 0.004 * draws.population["intercept_K"]}
+    spread = {"log_gain_mean": 0.004 * draws.population["intercept_K"]}
     draws = replace(draws, population=draws.population | spread)
     found, own = (
         uncertainty_budget(prepared, of).set_index(["level", "quantity", "source"])

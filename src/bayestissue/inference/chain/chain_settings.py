@@ -26,6 +26,7 @@ class ChainSettings:
             their steps are long, and so many where these are below ``short``.
         short: see ``surrogates``.
         levels: least and greatest share of these that move each level's effects by themselves.
+        common: least and greatest share of these that are `by_common`, if the model has such a parameter.
         shorter: the share of the population's moves that are shorter, down to ``shortest``: where the sites'
             posterior has lighter tails than the true one, long moves out of a tail are seldom accepted.
         shortest: see ``shorter``.
@@ -58,6 +59,7 @@ class ChainSettings:
     surrogates: tuple[int, int] = (1, 3)
     short: float = 0.8
     levels: tuple[float, float] = (0.1, 0.8)
+    common: tuple[float, float] = (0.05, 0.5)
     shorter: float = 1 / 6
     shortest: float = 0.05
     inner: int = 10
@@ -84,14 +86,14 @@ class ChainSettings:
     def of_size(cls, impacts: int) -> Self:
         """The settings for so many impacts.
 
-        Of thousands a move of the whole population is seldom accepted. `centred` steps alone carry it then,
-        which cost as much as there are cells; they are slow where single traces leave much open.
+        Of thousands a move of the whole population is seldom accepted. `centred` steps carry it then, which
+        cost as much as there are cells, and `by_common`; they are slow where single traces leave much open.
         """
         if impacts <= TOGETHER:
-            return cls() if all_kept(impacts) else cls(keep=5)
-        many = {"surrogates": (0, 0), "inner": 1, "centred": 20, "segment": 20, "keep": 10}
+            return cls() if all_kept(impacts) else cls(keep=5, common=(0.5, 0.5))
+        many = {"surrogates": (1, 1), "common": (1.0, 1.0), "inner": 1, "centred": 20}
         rounds = {"first_rounds": (1, 2), "round": 2, "last_round": 1, "most_rounds": 6, "first_look": 6}
-        return cls(**many, **rounds)  # type: ignore[arg-type]
+        return cls(**many, **rounds, segment=20, keep=10)  # type: ignore[arg-type]
 
     @property
     def rounds(self) -> tuple[int, ...]:

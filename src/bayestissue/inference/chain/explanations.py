@@ -8,9 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayestissue.base.result import silent
-from bayestissue.inference.chain.chain_settings import TOGETHER
 from bayestissue.inference.execution.chunks import Progress
-from bayestissue.inference.execution.kept import some_impacts, some_of
+from bayestissue.inference.execution.kept import all_kept, some_impacts, some_of
 from bayestissue.inference.factors.expansions import first_guess, laplace_of_all, rows_of
 from bayestissue.inference.factors.sites import weak_prior
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
@@ -30,14 +29,14 @@ def explanations(prepared: Prepared, first: GaussianFactor, progress: Progress =
     """Laplace sites of all explanations, [site, impact, ...], those of each impact by falling likelihood.
 
     Where an impact has fewer than others, its further sites say nothing: their log scale is minus infinity.
-    Of very many impacts a thousand are tried first: if none of them has another, no other is looked for.
+    Of many impacts a thousand are tried first: if none of them has another, no other is looked for.
 
     Args:
         prepared: model and data.
         first: the expansions from the first guess.
         progress: told how many starts are done, and of how many.
     """
-    if len(first.centre) > TOGETHER:
+    if not all_kept(len(first.centre)):
         rows = some_impacts(len(first.centre))
         if len(explanations(some_of(prepared, rows), rows_of(first, rows), progress).centre) == 1:
             return GaussianFactor(*(np.asarray(leaf)[None] for leaf in first))

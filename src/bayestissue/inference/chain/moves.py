@@ -17,8 +17,10 @@ doi:10.1198/106186005X76983).
 `by_level`: the effects of every level of the grouping that is eliminated first, such as every person's, by a
 walk along which the level's impacts shift; accepted level by level by L' / L times the effects' prior.
 
-`by_added_mass`, where tissue moves along: all its masses m by one factor and their spread by another, K and C
-with M + m, which leaves what a deceleration shows but for its height; b from its conditional.
+`by_common`, of a parameter that is nearly the same of all impacts, so that one trace hardly tells it and all
+together do: its mean further, or its deviations and their spread by one factor; b from its conditional. Of
+the mass m of tissue that moves along, K and C go with M + m, which leaves what a deceleration shows but for
+its height.
 
 `centred` asks for no trace: y by a walk with every u fixed and b integrated out, then b from its conditional.
 
@@ -138,12 +140,17 @@ class Tuning(NamedTuple):
         population: near y's posterior.
         impact_root: of the covariance of each impact's parameters, K and C as `Target.per_inertia` has them.
         level_root: of that of each level's effects.
+        common: near the posterior of the mean over impacts of `Target.common`, and of its spread's
+            coordinate, each by itself, ``root`` their standard deviations.
+        along: how each impact's parameters go along with that mean.
     """
 
     sites: GaussianFactor
     population: StudentT
     impact_root: Float[Any, "impact parameter parameter"]
     level_root: Float[Any, "level inner inner"]
+    common: StudentT
+    along: Float[Any, "parameter impact"]
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["target", "tuning", "gain"], meta_fields=["settings"])
@@ -364,41 +371,45 @@ def by_level(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) -
     )
 
 
-def by_added_mass(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
-    """What moves along with all impacts by one factor, its spread by another; K and C along; b given them.
+def by_common(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
+    """What impacts have in common of one parameter, or their spread in it if that is unknown; b given them.
 
-    log m goes to mean + d + e^s (log m - mean), and its standard deviation between impacts to e^s times as
-    much: volumes grow by e^s for each impact but one, and by what that is of the deviation's coordinate.
+    The mean of the parameter p, or the spread's coordinate, goes a step on a t near its posterior, of a
+    length that chance decides. p goes to mean + d + e^s (p - mean), an impact's other parameters along with
+    d, and its standard deviation between impacts to e^s times as much, either d or s being 0: volumes grow by
+    e^s for each impact but one, and by what that is of the spread's coordinate.
     """
-    target = kernel.target
-    which = target.added_mass
-    assert which is not None  # noqa: S101 - made of such elements alone
-    least, most = _ADDED_MASS_STEPS
-    length = least * (most / least) ** numbers.walk.decision[:2]
-    shift, log_scale = length * numbers.impacts[:2, 0]
-    number = target.present.sum()
-    shown = target.per_inertia(state.u)
+    target, tuning, walk = kernel.target, kernel.tuning, numbers.walk
+    which, at = target.common, target.common_spread
+    assert which is not None  # noqa: S101 - made of such models alone
+    shown, number = target.per_inertia(state.u), target.present.sum()
     mean = jnp.where(target.present, shown[which], 0.0).sum() / number
-    moved = shown.at[which].set(mean + shift + jnp.exp(log_scale) * (shown[which] - mean))
-    u = target.per_inertia(moved, -1.0)
-    name = f"sd_{target.model.nuisance[which - 2]}"
-    spread = target.model.hyperparameters.index(name)
-    transform = biject_to(target.model.prior_of(name).support)
-    coordinate, sd = state.y[spread], transform(state.y[spread])
-    scaled = jnp.exp(log_scale) * sd
-    further = transform.inv(scaled)
-    y = state.y.at[spread].set(further)
+    z = (jnp.stack([mean, mean if at is None else state.y[at]]) - tuning.common.location) / tuning.common.root
+    length = _COMMON_LEAST ** jnp.maximum(2 * walk.decision[0] - 1, 0.0)
+    scale = jnp.sqrt((FREEDOM + z**2) / (walk.scale[0, : FREEDOM + 1] ** 2).sum())
+    proposed = jnp.sqrt(1 - length**2) * z + length * scale * numbers.impacts[0, 0]
+    # The first of a walk's numbers says how far, the second which of the two.
+    chosen = jnp.arange(2) == (0 if at is None else (walk.decision[1] < 1 / 2).astype(int))
+    shift, further = jnp.where(chosen, (proposed - z) * tuning.common.root, 0.0)
+    ratio = jnp.where(chosen, jnp.log1p(proposed**2 / FREEDOM) - jnp.log1p(z**2 / FREEDOM), 0.0).sum()
+    gained, log_scale, y = (FREEDOM + 1) / 2 * ratio, jnp.zeros(()), state.y
+    if at is not None:
+        transform = biject_to(target.model.prior_of(target.model.hyperparameters[at]).support)
+        y = y.at[at].add(further)
+        sd, other = transform(state.y[at]), transform(y[at])
+        log_scale = jnp.log(other / sd)
+        gained += number * log_scale + transform.log_abs_det_jacobian(state.y[at], sd)
+        gained -= transform.log_abs_det_jacobian(y[at], other)
+    moved = shown.at[which].set(mean + jnp.exp(log_scale) * (shown[which] - mean))
+    u = target.per_inertia(moved + shift * tuning.along, -1.0)
     here = target.given_impacts(state.y, target.cell_sums(state.u))
     there = target.given_impacts(y, target.cell_sums(u))
-    b = target.effects_at(there, numbers.walk.effects)
-    volume = number * log_scale + transform.log_abs_det_jacobian(coordinate, sd)
-    volume -= transform.log_abs_det_jacobian(further, scaled)
-    gained = there.log_density - here.log_density + volume
+    b = target.effects_at(there, walk.effects)
+    gained += there.log_density - here.log_density
     whole, effects = jnp.zeros(len(target.present), int), jnp.zeros(len(b), int)
-    state = state._replace(y=y, b=b, u=u)
     unchanged = jnp.zeros(len(target.present))
     of_part = jnp.zeros(target.parts).at[0].set(gained)
-    return Proposal(state, unchanged, whole, effects, of_part, jnp.zeros(()))
+    return Proposal(state._replace(y=y, b=b, u=u), unchanged, whole, effects, of_part, jnp.zeros(()))
 
 
 def by_impact(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) -> Proposal:
@@ -411,10 +422,9 @@ def by_impact(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) 
 
 
 MOVES = (by_impact, by_population, by_level)
-_BY_IMPACT, _BY_POPULATION, _BY_LEVEL, _BY_ADDED_MASS = range(4)
-# Of elements with tissue that moves along: the share of the population's moves, and the least and the
-# greatest step of log m and of the log of its spread, between which chance decides.
-_ADDED_MASS_SHARE, _ADDED_MASS_STEPS = 1 / 2, (0.03, 3.0)
+_BY_IMPACT, _BY_POPULATION, _BY_LEVEL, _BY_COMMON = range(4)
+# The least step of `by_common`: half of them are the longest, and as good as draws from the t.
+_COMMON_LEAST = 0.05
 
 
 def centred(kernel: Kernel, steps: Steps, state: State, numbers: WalkNumbers) -> tuple[State, Array]:
@@ -562,7 +572,7 @@ def transition(
 ) -> tuple[tuple[State, Steps], tuple[Visited, Acceptances]]:
     """Every kind of move, then steps that follow acceptances unless the kernel's ``gain`` is 0.
 
-    Chance decides between `by_population` and `by_level`.
+    Chance decides between `by_population`, `by_level` and `by_common`.
     """
     target, settings = kernel.target, kernel.settings
     state, steps = carried
@@ -573,20 +583,19 @@ def transition(
     steps = steps._replace(centred=followed(steps.centred, kernel.gain, excess, settings.population_steps))
     # Levels move by themselves the oftener, the shorter the steps are that all of the population moves by.
     by_levels = jnp.clip(1 - steps.population, *settings.levels) * (len(target.level_effects) > 0)
+    by_common_share = jnp.clip(1 - steps.population, *settings.common) * (target.common is not None)
 
     def move(index: Array, at: tuple[State, Steps, Acceptances]) -> tuple[State, Steps, Acceptances]:
         # One copy of the likelihood serves all moves: each more would be compiled again.
         state, steps, rates = at
         of_move = move_numbers(target, settings, keys[1 + index])
-        way = of_move.way[0]
-        if target.added_mass is not None:
-            way = way / (1 - _ADDED_MASS_SHARE)
-        of_population = jnp.where(way < by_levels, _BY_LEVEL, _BY_POPULATION)
-        of_population = jnp.where(way < 1, of_population, _BY_ADDED_MASS)
+        way = of_move.way[0] - by_common_share
+        of_population = jnp.where(way < by_levels * (1 - by_common_share), _BY_LEVEL, _BY_POPULATION)
+        of_population = jnp.where(way < 0, _BY_COMMON, of_population)
         kind, walks = jnp.where(index == 0, _BY_IMPACT, of_population), of_move.way < steps.walks
         # The first step of a walk is taken whatever its number is: that is free to say how far the move goes.
         length = steps.population * settings.shortened(of_move.walk.decision[0])
-        ways = MOVES if target.added_mass is None else (*MOVES, by_added_mass)
+        ways = MOVES if target.common is None else (*MOVES, by_common)
         moves = [partial(one, kernel, steps._replace(population=length)) for one in ways]
         proposal = jax.lax.switch(kind, moves, state, of_move)
         state, accepted = decided(target, state, proposal, of_move.decision)
@@ -595,7 +604,8 @@ def transition(
         return state, steps, jax.tree.map(lambda new, old: jnp.where(jnp.isnan(new), old, new), here, rates)
 
     long, short = settings.surrogates
-    evaluations = 1 + jnp.where(steps.population < settings.short, short, long)
+    of_all = settings.common[0] < 1 or target.common is not None
+    evaluations = 1 + of_all * jnp.where(steps.population < settings.short, short, long)
     none = jnp.asarray(jnp.nan)
     rates = Acceptances(none, none, none, none, none, of_centred)
     state, steps, rates = jax.lax.fori_loop(0, evaluations, move, (state, steps, rates))

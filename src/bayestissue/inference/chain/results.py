@@ -55,7 +55,9 @@ class ChainEnd(NamedTuple):
         """
         none: Any = np.zeros(0)
         state, steps = of_nothing(State), of_nothing(Steps)
-        tuning = Tuning(of_nothing(GaussianFactor), of_nothing(StudentT), none, none)
+        tuning = Tuning(
+            of_nothing(GaussianFactor), of_nothing(StudentT), none, none, of_nothing(StudentT), none
+        )
         end: ChainEnd = read_arrays(path, cls(state, steps, tuning, none, none))
         return end
 

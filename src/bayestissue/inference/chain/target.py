@@ -34,6 +34,7 @@ from bayestissue.model.hierarchy.gaussian.effects import (
 from bayestissue.model.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.model.hierarchy.trace_models import (
+    GAIN,
     TraceData,
     TraceModel,
     added_mass_of,
@@ -176,6 +177,18 @@ class Target:
     def added_mass(self) -> int | None:
         """Which of an impact's parameters is the log of a mass that moves along; None where none does."""
         return added_mass_of(self.model)
+
+    @property
+    def common(self) -> int | None:
+        """Which of an impact's parameters is nearly the same of all: such a mass, or an error of the gain."""
+        return 2 + self.model.nuisance.index(GAIN) if self.model.gain else self.added_mass
+
+    @property
+    def common_spread(self) -> int | None:
+        """Which hyperparameter is its standard deviation between impacts; None where that is known."""
+        name = f"sd_{self.model.nuisance[self.common - 2]}" if self.common is not None else ""
+        names = self.model.hyperparameters
+        return names.index(name) if name in names else None
 
     def per_inertia(
         self, u: Float[Any, "*draw parameter impact"], sign: float = 1.0

@@ -23,6 +23,8 @@ from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 _BEGIN, _APART, _ROOT, _STEP = -1.5, 1.0, 0.5, 0.5
 # The first walks of impacts and levels: their length, and how often an impact goes by one.
 _WALK, _WALKS = 0.7, 0.3
+# How far what all impacts have in common of a parameter may be open.
+_COMMON = 0.1
 # What keeps an estimated covariance from being singular: of its own diagonal, and where nothing moved; of
 # each impact's first one.
 _SHRUNK, _LEAST, _OF_IMPACT = 0.02, 1e-8, 0.2
@@ -84,7 +86,10 @@ def begin(
     walks = np.full(impacts, _WALK), np.full(impacts, _WALKS)
     steps = Steps(*walks, length, length, np.full(levels, _WALK))  # type: ignore[arg-type]
     of_level = np.broadcast_to(_ROOT * np.eye(inner), (levels, inner, inner))
-    return [(state, steps) for state in states], Tuning(sites, near, of_impact, of_level)
+    common = StudentT(np.zeros(2), np.full(2, _COMMON))
+    return [(state, steps) for state in states], Tuning(
+        sites, near, of_impact, of_level, common, _along(target, sites)
+    )
 
 
 def _per_inertia(
@@ -115,10 +120,14 @@ def retuned(target: Target, tuning: Tuning, first: Tuning, visited: Visited, *, 
     """
     u, value = np.asarray(visited.u), np.asarray(visited.traces)
     shown = np.array(target.per_inertia(u))
-    if target.added_mass is not None:
+    common = tuning.common
+    if target.common is not None:
         # What all have in common of it moves by itself.
-        of_all = shown[:, target.added_mass, np.asarray(target.present)]
-        shown[:, target.added_mass] -= of_all.mean(1, keepdims=True)
+        mean = shown[:, target.common, np.asarray(target.present)].mean(1, keepdims=True)
+        shown[:, target.common] -= mean
+        at = target.common_spread
+        both = np.stack([mean[:, 0], mean[:, 0] if at is None else np.asarray(visited.y)[:, at]])
+        common = StudentT(both.mean(1), np.maximum(both.std(1), _LEAST))
     of_impact = _covariance(shown.transpose(0, 2, 1))
     u = u.transpose(0, 2, 1)
     first_impact = first.impact_root @ np.swapaxes(first.impact_root, 1, 2)
@@ -128,7 +137,25 @@ def retuned(target: Target, tuning: Tuning, first: Tuning, visited: Visited, *, 
     sites = _refitted(tuning.sites, u, value) if refit else tuning.sites
     b = np.asarray(visited.b)
     of_levels = np.append(b, np.zeros((len(b), 1)), axis=1)[:, np.asarray(target.level_effects).T]
-    return Tuning(sites, nearest_t(np.asarray(visited.y)), impact_root, covariance_root(of_levels))
+    return Tuning(
+        sites, nearest_t(np.asarray(visited.y)), impact_root, covariance_root(of_levels), common, tuning.along
+    )
+
+
+def _along(target: Target, sites: GaussianFactor) -> Float[np.ndarray, "parameter impact"]:
+    """How an impact's parameters go along with the one that all have in common, where its site is highest.
+
+    Where tissue moves along, `Target.per_inertia` has it.
+    """
+    which, (impacts, size) = target.common, sites.centre.shape[1:]
+    along = np.zeros((size, impacts))
+    if which is not None:
+        along[which] = 1.0
+    if which is not None and target.added_mass is None:
+        others, P = np.arange(size) != which, np.asarray(sites.precision[0])
+        known = P[:, others][:, :, others] + np.eye(size - 1)
+        along[others] = -np.linalg.solve(known, P[:, others, which, None])[..., 0].T
+    return along
 
 
 def _refitted(sites: GaussianFactor, u: np.ndarray, value: np.ndarray) -> GaussianFactor:

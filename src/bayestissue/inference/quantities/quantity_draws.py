@@ -109,8 +109,8 @@ def posterior_draws(
     return Draws(population.hyperparameters | effects | factor, impacts, kept_numbers=numbers)
 
 
-def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draws:
-    """The same as the priors alone have it, of one chain."""
+def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator, *, single: bool = False) -> Draws:
+    """The same as the priors alone have it, of one chain; of impacts in ``single`` precision if so."""
     model, data = prepared.model, prepared.data
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
     drawn, u = drawn_from_prior(model, data, key)
@@ -133,7 +133,7 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator) -> Draw
     def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
         return error[:, :, rows], keys
 
-    impacts = _of_impacts(prepared, u, errors_and_keys, recorded=False)
+    impacts = _of_impacts(prepared, u, errors_and_keys, recorded=False, single=single)
     # The measuring chain's errors are as the dataset states them.
     impacts.pop("chain_error")
     effects = derived.effects_by_name(model.locations, prepared.design, drawn["locations"])
@@ -144,8 +144,8 @@ def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> di
     """All quantities by the names of ``posterior.nc``; ``rng`` is for those of a new impact."""
     design, population, impacts = prepared.design, draws.population, draws.impacts
     values = derived.formula_quantities(design, population)
-    for name in prepared.model.nuisance:
-        values |= {which: population[which] for which in (f"{name}_mean", f"sd_{name}")}
+    of_nuisance = [which for name in prepared.model.nuisance for which in (f"{name}_mean", f"sd_{name}")]
+    values |= {which: population[which] for which in of_nuisance if which in population}
     values |= {name: population[name] for name in (MASS_FACTOR, GAIN_FACTOR) if name in population}
     levels = derived.level_quantities(design, values)
     values |= levels | {name: impacts[name] for name in NAMES if name in impacts}

@@ -83,7 +83,7 @@ def posterior_tree(
         "posterior_predictive": of_impacts(predicted(prepared, draws, seed)),
         "observed_data": of_impacts(_observed(prepared), sampled=False),
         "constant_data": of_all_impacts(_constants(whole), sampled=False),
-        **_prior_groups(prepared, of_impacts, seed, rng),
+        **_prior_groups(prepared, of_impacts, seed, rng, single=kept_numbers is not None),
     }
     if len(whole.design.subjects) == 1:
         for name in ("posterior", "prior"):
@@ -162,12 +162,14 @@ def _column_attributes(prepared: Prepared) -> dict[str, dict[str, str]]:
     return {f"column_{stem_of(n)}": {"column": n, "long_name": f"the impact's {n}"} for n in names}
 
 
-def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Generator) -> dict[str, xr.Dataset]:
-    draws = prior_draws(prepared, seed, rng)
-    (u,) = draws.impacts["parameters"][:, :PRIOR_PREDICTIVE_DRAWS]
-    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 13), len(u))
-    replicated = replicates(prepared.model, prepared.data, u, keys)
+def _prior_groups(
+    prepared: Prepared, put: Any, seed: int, rng: np.random.Generator, *, single: bool
+) -> dict[str, xr.Dataset]:
     # A prior's wall may be thin enough to throw the impactor back faster than any number.
     with np.errstate(over="ignore"):
-        single = {name: v.astype(np.float32)[None] for name, v in replicated.items()}
-    return {"prior": put(quantities(prepared, draws, rng)), "prior_predictive": put(single)}
+        draws = prior_draws(prepared, seed, rng, single=single)
+        u = draws.impacts["parameters"][0, :PRIOR_PREDICTIVE_DRAWS].astype(float)
+        keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 13), len(u))
+        replicated = replicates(prepared.model, prepared.data, u, keys)
+        traces = {name: v.astype(np.float32)[None] for name, v in replicated.items()}
+    return {"prior": put(quantities(prepared, draws, rng)), "prior_predictive": put(traces)}

@@ -169,8 +169,8 @@ class Priors(TomlTable):
             contact is: (1/2 + f) intervals before the first sample in contact.
         sd_contact: standard deviation between impacts of that.
         log_gain: mean over impacts of the log of recorded over true deceleration, where one error of the gain
-            is that of all impacts. Left out: about 0, with the standard deviation that the dataset declares.
-        sd_log_gain: standard deviation between impacts of that.
+            is that of all impacts, from which each differs by a tenth of its deviation. Left out: about 0,
+            with the standard deviation that the dataset declares.
         discrepancy: mean over impacts of the log of the rms of the force beside the element's, as a fraction
             of the trace's peak.
         sd_discrepancy: standard deviation between impacts of that.
@@ -206,7 +206,6 @@ class Priors(TomlTable):
     contact: Normal = normal(0.0, 0.5)
     sd_contact: Scale = half_normal(0.3)
     log_gain: Normal = normal(0.0, 0.01)
-    sd_log_gain: Scale = half_normal(0.002)
     discrepancy: Normal = normal(-4.0, 2.0)
     sd_discrepancy: Scale = half_normal(1.0)
     noise_force: Normal = normal(-10.0, 5.0)

@@ -537,8 +537,8 @@ def named_model(prepared: Prepared) -> Callable[[], None]:
     """`plain_model` of a fit's data, with effects, K and C by their names beside what is sampled.
 
     K and C are at the recorded mass, whose error, where impacts share it, is ``log_mass_error``. A
-    discrepancy is there as the log of its rms. A gain is sampled in units of its spread, which may be nearly
-    0, since one trace tells little of it.
+    discrepancy is there as the log of its rms. A gain is sampled in units of its spread, of which one trace
+    tells next to nothing.
     """
     model = prepared.model
     in_spreads = {GAIN: LocScaleReparam(0)}

@@ -48,6 +48,9 @@ NUISANCE: dict[str, tuple[str, ...]] = {
 CONTACT = "contact"
 # Of recorded over true deceleration, where one sensor errs by one factor in all impacts.
 GAIN = "log_gain"
+# The spread between impacts of such an error, in units of its prior: small beside all else that a trace's
+# height depends on.
+_GAIN_SPREAD = 0.1
 # Of a force beside the deceleration: its noise, and it over mass times deceleration.
 FORCE = ("noise_force", "log_force_ratio")
 Record = DisplacementRecord | DecelerationRecord
@@ -110,7 +113,7 @@ class Hierarchy:
         """Names of the standard deviations and correlations: all that is sampled but standard normals."""
         groups = sorted({name for name in self.locations.spread if name})
         impact_level = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
-        return (*groups, *impact_level, *(f"sd_{name}" for name in self.nuisance))
+        return (*groups, *impact_level, *(f"sd_{name}" for name in self.nuisance if name != GAIN))
 
     def prior_of(self, name: str) -> dist.Distribution:
         """The prior of one of `hyperparameters`."""
@@ -119,7 +122,11 @@ class Hierarchy:
 
     def covariances(self, hyperparameters: Hyperparameters) -> Covariances:
         """See `covariances_of`."""
-        return covariances_of(self.locations, hyperparameters, self.log_mass_sd, self.nuisance)
+        return covariances_of(self.locations, self.spreads(hyperparameters), self.log_mass_sd, self.nuisance)
+
+    def spreads(self, hyperparameters: Hyperparameters) -> Hyperparameters:
+        """The hyperparameters, and what is not sampled but known of them."""
+        return hyperparameters
 
     @property
     def own_mass_sd(self) -> float:
@@ -159,6 +166,13 @@ class TraceModel(Hierarchy):
         """Names of an impact's parameters besides log K and log C."""
         last = {name: getattr(self, name) for name in ("discrepancy", "force", "contact", "gain")}
         return nuisance_of(self.kind, self.element, **last)
+
+    def spreads(self, hyperparameters: Hyperparameters) -> Hyperparameters:
+        """The hyperparameters, and the spread of a gain that all impacts share."""
+        if not self.gain:
+            return hyperparameters
+        spread = jnp.full_like(hyperparameters["sd_impact_K"], _GAIN_SPREAD * self.priors.log_gain.sd)
+        return hyperparameters | {f"sd_{GAIN}": spread}
 
     def log_gain(self, u: list[Array]) -> Float[Array, " impact"] | None:
         """The parameter `GAIN` of each impact; None where the gain's error is each impact's own."""

@@ -205,7 +205,8 @@ def without_nuisance(
 def spreads_of_nuisance(specification: ModelSpecification, nuisance: Sequence[str]) -> np.ndarray:
     """How much each further parameter may differ from what is known of it: between impacts, by its prior."""
     priors: dict[str, Any] = specification.complete_priors().by_name()
-    return np.array([priors[f"sd_{name}"].scale for name in nuisance], float)
+    of_gain = {GAIN: priors[f"{GAIN}_mean"].sd}
+    return np.array([of_gain.get(name) or priors[f"sd_{name}"].scale for name in nuisance], float)
 
 
 def simulation_of(
