@@ -377,7 +377,7 @@ def by_common(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) 
     The mean of the parameter p, or the spread's coordinate, goes a step on a t near its posterior, of a
     length that chance decides. p goes to mean + d + e^s (p - mean), an impact's other parameters along with
     d, and its standard deviation between impacts to e^s times as much, either d or s being 0: volumes grow by
-    e^s for each impact but one, and by what that is of the spread's coordinate.
+    e^s for each impact but one.
     """
     target, tuning, walk = kernel.target, kernel.tuning, numbers.walk
     which, at = target.common, target.common_spread
@@ -396,10 +396,8 @@ def by_common(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) 
     if at is not None:
         transform = biject_to(target.model.prior_of(target.model.hyperparameters[at]).support)
         y = y.at[at].add(further)
-        sd, other = transform(state.y[at]), transform(y[at])
-        log_scale = jnp.log(other / sd)
-        gained += number * log_scale + transform.log_abs_det_jacobian(state.y[at], sd)
-        gained -= transform.log_abs_det_jacobian(y[at], other)
+        log_scale = jnp.log(transform(y[at]) / transform(state.y[at]))
+        gained += (number - 1) * log_scale
     moved = shown.at[which].set(mean + jnp.exp(log_scale) * (shown[which] - mean))
     u = target.per_inertia(moved + shift * tuning.along, -1.0)
     here = target.given_impacts(state.y, target.cell_sums(state.u))
