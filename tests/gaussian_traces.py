@@ -119,5 +119,7 @@ def bad_tuning(target: GaussianTarget, several: int = 1) -> tuple[Tuning, Steps]
     inner, levels = target.level_effects.shape
     of_level = jnp.broadcast_to(0.2 * jnp.eye(inner), (levels, inner, inner))
     steps = Steps(jnp.full(count, 0.8), jnp.full(count, 0.5), length, length, jnp.ones(levels))
-    along = jnp.full((size, count), 0.5)
-    return Tuning(sites, near, roots, of_level, StudentT(jnp.zeros(2), jnp.full(2, 0.7)), along), steps
+    # Off the middle and narrow, so that what a step gains over the t counts.
+    common = StudentT(jnp.full(2, 0.3), jnp.full(2, 0.2))
+    along = jnp.where(jnp.arange(size) == (target.common or 0), 1.0, 0.05)[:, None] * jnp.ones(count)
+    return Tuning(sites, near, roots, of_level, common, along), steps

@@ -121,7 +121,7 @@ class GrowingStudy:
             prepared = prepare(impact.dataset, self._alone, source="watch")
         except InputError:
             return {"centre": None, "precision": None}
-        centre, precision = told_of_tissue(prepared, self._alone)
+        centre, precision = told_of_tissue(prepared)
         if not (np.isfinite(centre).all() and np.isfinite(precision).all()):
             return {"centre": None, "precision": None}
         return {"centre": centre[0].tolist(), "precision": precision[0].tolist()}

@@ -13,7 +13,6 @@ can.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -30,7 +29,7 @@ from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
-from bayestissue.model.hierarchy.trace_models import GAIN, with_normal_errors
+from bayestissue.model.hierarchy.trace_models import GAIN, TraceModel, with_normal_errors
 from bayestissue.recordings.dataset.dataset_file import Gravity, LowPassFilter
 from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
 from bayestissue.studies.simulation.campaign import simulate
@@ -154,7 +153,7 @@ def information(
     start = first_guess(prepared)
     start[:, :2] = truth
     nuisance = start[:, 2:]
-    spread = spreads_of_nuisance(specification, prepared.model.nuisance)
+    spread = spreads_of_nuisance(prepared.model)
     sd = np.concatenate([np.maximum(tissue.sd, 1e-3), spread])
     log_mass = np.log(prepared.signal.mass / tissue.reference_mass_kg)
     mean = np.concatenate([np.array(tissue.mean) + np.outer(log_mass, tissue.exponent), nuisance], axis=1)
@@ -171,16 +170,15 @@ def information(
 
 
 def told_of_tissue(
-    prepared: Prepared, specification: ModelSpecification
+    prepared: Prepared,
 ) -> tuple[Float[np.ndarray, "impact 2"], Float[np.ndarray, "impact 2 2"]]:
     """What each recording tells: `without_nuisance` of its likelihood, expanded at its maximum."""
     model, sites = prepared.model, expanded(prepared)
-    spread, mean = spreads_of_nuisance(specification, model.nuisance), np.array(sites.centre[:, 2:])
+    mean = np.array(sites.centre[:, 2:])
     if model.gain:
         # Known as the dataset declares it, and not by each trace.
-        number = model.nuisance.index(GAIN)
-        spread[number], mean[:, number] = model.priors.log_gain.sd, model.priors.log_gain.mean
-    return without_nuisance(sites, mean, spread)
+        mean[:, model.nuisance.index(GAIN)] = model.priors.log_gain.mean
+    return without_nuisance(sites, mean, spreads_of_nuisance(model))
 
 
 def without_nuisance(
@@ -202,11 +200,15 @@ def without_nuisance(
     return centre[:, :2] + np.linalg.solve(precision, gained[..., None])[..., 0], precision
 
 
-def spreads_of_nuisance(specification: ModelSpecification, nuisance: Sequence[str]) -> np.ndarray:
-    """How much each further parameter may differ from what is known of it: between impacts, by its prior."""
-    priors: dict[str, Any] = specification.complete_priors().by_name()
-    of_gain = {GAIN: priors[f"{GAIN}_mean"].sd}
-    return np.array([of_gain.get(name) or priors[f"sd_{name}"].scale for name in nuisance], float)
+def spreads_of_nuisance(model: TraceModel) -> Float[np.ndarray, " nuisance"]:
+    """How much each further parameter may differ from what is known of it: between impacts, by its prior.
+
+    A gain that all impacts share differs from 0 as the dataset declares it.
+    """
+    priors: dict[str, Any] = model.priors.by_name()
+    unknown = [name for name in model.nuisance if name != GAIN]
+    spreads = {name: priors[f"sd_{name}"].scale for name in unknown} | {GAIN: model.priors.log_gain.sd}
+    return np.array([spreads[name] for name in model.nuisance], float)
 
 
 def simulation_of(

@@ -47,14 +47,13 @@ class Running:
     precision: Float[np.ndarray, "impact 2 2"]
 
 
-def running_study(prepared: Prepared, specification: ModelSpecification) -> Running:
+def running_study(prepared: Prepared) -> Running:
     """What the recordings of a dataset tell, as planned designs go on from it.
 
     Args:
         prepared: the dataset under the running fit's model.
-        specification: that model.
     """
-    return Running(prepared.design.recorded.rows, *told_of_tissue(prepared, specification))
+    return Running(prepared.design.recorded.rows, *told_of_tissue(prepared))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +170,7 @@ def begun_study(after: After, otherwise: PlannedPopulation, source: str) -> Begu
         )
     model = fit.specification
     _, prepared = prepare_without_phantoms(dataset, model, source=after.run)
-    running = running_study(prepared, model)
+    running = running_study(prepared)
     posterior = fit.posterior["posterior"].to_dataset()
     pilot = pilot_of(fit, otherwise, (source, None, "after.run", after.run))
     prior = RunningPrior.of_posterior(posterior, pilot, running.rows["mass_kg"].to_numpy(float))
