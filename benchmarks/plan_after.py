@@ -91,7 +91,7 @@ def study_of(number: int) -> Study:
         "recording": PLAN.recording.model_dump(exclude_none=True),
     }
     dataset = simulate(simulation(content, tissue=tissue, seed=31_000 + number)).dataset("study")
-    sites = running_study(prepare(dataset, MODEL, source="study"), MODEL)
+    sites = running_study(prepare(dataset, MODEL, source="study"))
     repeat = sites.rows.groupby(["subject", "trial"]).cumcount().to_numpy()
     return Study(dataset, sites, repeat, tissue["mass_exponent_K"])
 
