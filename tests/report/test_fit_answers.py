@@ -9,7 +9,7 @@ import statsmodels.api as sm
 import xarray as xr
 
 from bayestissue import Fit
-from bayestissue.reports.pages.fit import answers, method_agreement, model_words, trace_predictions
+from bayestissue.reports.pages.fit import answers, checks, method_agreement, trace_predictions
 from bayestissue.reports.pages.fit.method_agreement import apparent_exponent
 from make_fit_run import changed, fit_run
 
@@ -60,11 +60,11 @@ def test_the_recording_shown_first_is_that_of_the_median_stiffness():
 def test_coverage_is_shown_once_it_was_measured(tmp_path, monkeypatch):
     path = tmp_path / "coverage.csv"
     path.write_text("likelihood,quantity,level,held,impacts,command,measured\n", encoding="utf-8")
-    monkeypatch.setattr(model_words, "_MEASURED", path)
-    assert model_words.coverage_table(fit_run()) is None
+    monkeypatch.setattr(checks, "_MEASURED", path)
+    assert checks.coverage_table(fit_run()) is None
     with path.open("a", encoding="utf-8") as stream:
         stream.write("impact,K,90,1500,2000,a command,on an earlier version\narma,K,90,1,2,another,\n")
-    (row,) = model_words.coverage_table(fit_run()).rows
+    (row,) = checks.coverage_table(fit_run()).rows
     # When and by which program it was measured is no concern of a lab's.
     assert row.cells == ("K", "90 %", "1500 of 2000", "75\N{NO-BREAK SPACE}%")
 

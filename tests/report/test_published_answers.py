@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from bayestissue.model.hierarchy.derived import hypotheses
@@ -11,15 +9,16 @@ from bayestissue.reports.pages.run_folder import read_about
 from bayestissue.reports.pages.wording import Spread
 from bayestissue.thesis.pages import published_page as page
 from bayestissue.thesis.pages.published_figures import kept_share
-from bayestissue.thesis.pages.published_run import read_published_run
+from bayestissue.thesis.pages.published_run import PublishedRun
+from make_fit_run import changed
 
 
 def read(folder):
-    return read_published_run(folder, read_about(folder))
+    return PublishedRun.read(folder, read_about(folder)).complete()
 
 
 def with_draws(run, **draws):
-    return replace(run, groups=run.groups | {"posterior": run.groups["posterior"].assign(draws)})
+    return changed(run, groups={"posterior": run.groups["posterior"].assign(draws)})
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +47,7 @@ def test_a_constant_frequency_that_the_audit_confirms_is_called_made_by_the_meth
 
 
 def test_without_the_audits_word_the_conclusion_is_weaker(run):
-    silent = replace(run, audit=run.audit.iloc[1:].reset_index(drop=True))
+    silent = changed(run, audit=run.audit.iloc[1:].reset_index(drop=True))
     assert page.constant_frequency_finding(silent) is None
     assert "Made by the method" not in page.mass_conclusion(silent)
     assert "in proportion to mass" in page.mass_conclusion(silent)
@@ -66,7 +65,7 @@ def test_other_exponents_lead_to_other_words(run, exponent, headline, said):
     draws = run.groups["posterior"]["mass_exponent_K"]
     moved = draws - draws.mean() + exponent
     other = with_draws(run, mass_exponent_K=moved)
-    other = replace(other, hypotheses=hypotheses({"K": moved.to_numpy()}, 0.1))
+    other = changed(other, hypotheses=hypotheses({"K": moved.to_numpy()}, 0.1))
     assert page.headline(other) == headline
     assert said in page.mass_conclusion(other)
 
@@ -74,14 +73,13 @@ def test_other_exponents_lead_to_other_words(run, exponent, headline, said):
 def test_a_wide_interval_decides_nothing(run):
     draws = run.groups["posterior"]["mass_exponent_K"]
     wide = with_draws(run, mass_exponent_K=0.5 + 60 * (draws - draws.mean()))
-    vague = replace(wide, hypotheses=run.hypotheses.assign(probability=0.1))
+    vague = changed(wide, hypotheses=run.hypotheses.assign(probability=0.1))
     assert "do not decide" in page.mass_conclusion(vague)
 
 
 def test_a_model_without_mass_says_so(run):
-    groups = dict(run.groups)
-    groups["posterior"] = groups["posterior"].drop_vars(["mass_exponent_K", "mass_exponent_C"])
-    without = replace(run, groups=groups)
+    drawn = run.groups["posterior"].drop_vars(["mass_exponent_K", "mass_exponent_C"])
+    without = changed(run, groups={"posterior": drawn})
     assert posterior.exponent_rows(without) == []
     assert "no mass exponent" in page.mass_conclusion(without)
 

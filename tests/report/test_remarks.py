@@ -4,12 +4,12 @@ import pytest
 
 from bayestissue.reports.pages import posterior
 from bayestissue.reports.pages.run_folder import read_about
-from bayestissue.thesis.pages.published_run import read_published_run
+from bayestissue.thesis.pages.published_run import PublishedRun
 
 
 @pytest.fixture(scope="module")
 def run(published_run_folder):
-    return read_published_run(published_run_folder, read_about(published_run_folder))
+    return PublishedRun.read(published_run_folder, read_about(published_run_folder))
 
 
 def test_the_best_explanation_and_its_rivals_are_named(run):

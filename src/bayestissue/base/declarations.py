@@ -32,9 +32,9 @@ class _Sentences(string.Formatter):
 _SENTENCES = _Sentences()
 
 
-def filled(sentence: str, **values: object) -> str:
-    """A sentence with ``values`` in its braces, numbers to significant digits without an exponent there."""
-    return _SENTENCES.vformat(sentence, (), values)
+def filled(sentence: str, /, *cells: object, **values: object) -> str:
+    """A sentence with values in its braces, numbers to significant digits without an exponent there."""
+    return _SENTENCES.vformat(sentence, cells, values)
 
 
 def general(value: float, digits: int = 4) -> str:

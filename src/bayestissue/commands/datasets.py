@@ -45,13 +45,13 @@ _OF_PEOPLE = ("one-person-or-two", "two-spellings")
 
 def _of_check(checked: Check) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid, Heading
-    from bayestissue.reports.pages.page_tables import Row, Table, columns
+    from bayestissue.reports.pages.page_tables import table_of_cells
     from bayestissue.reports.pages.recordings_pages import kinds
 
     data, nouns = checked.dataset, Words(checked.dataset.words)
     rows = (*checked.summary, *(("note", words) for words in checked.notes))
     title = f"{data.name}: {checked.verdict}"
-    yield Grid(title, Table(columns("", ""), [Row((nouns(name), nouns(words))) for name, words in rows]))
+    yield Grid(title, table_of_cells([(nouns(name), nouns(words)) for name, words in rows], "", ""))
     for heading, problems in (("Left out", data.left_out), ("Warnings", checked.warnings)):
         if problems:
             yield Heading(f"{heading}:")
@@ -88,7 +88,7 @@ def check(dataset: DatasetFolder, *, call: Call) -> Check:
 def _of_estimates(estimates: Estimates) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
     from bayestissue.inference.points.notes import people_alone, said_once
-    from bayestissue.reports.pages.page_tables import Row, Table, columns
+    from bayestissue.reports.pages.page_tables import table_of_cells
     from bayestissue.reports.pages.wording import estimated
 
     left_out = estimates.dataset.left_out
@@ -96,11 +96,11 @@ def _of_estimates(estimates: Estimates) -> Iterator[Shown]:
     rows, people = [], people_alone(estimates)
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
         low, median, high = people[name].quantile([0.05, 0.5, 0.95])
-        rows.append(Row((words, *estimated(median, low, high))))
+        rows.append((words, *estimated(median, low, high)))
     which = "these impacts" if len(people) == len(estimates) else "people's impacts"
     title = f"{estimates.dataset.name}: {counted(len(estimates), 'impact')}, {flagged} flagged"
     numbers = ("median", "5 % below", "95 % below")
-    yield Grid(title, Table(columns(which, *numbers, number=numbers), rows))
+    yield Grid(title, table_of_cells(rows, which, *numbers, number=numbers))
     if estimates["K_N_per_m"].isna().all():
         remedies = (entries()[code] for code in codes_in(*estimates["flags"]))
         yield " ".join(["No impact has K.", *(f"{entry.title}: {entry.remedy}" for entry in remedies)])

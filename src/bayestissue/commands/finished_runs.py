@@ -205,18 +205,18 @@ def _of_comparison(compared: Comparison) -> Iterator[Shown]:
     """The two tables, see `bayestissue.studies.comparing`, and answers to what was asked."""
     from bayestissue.commands.console import SCREEN, Grid
     from bayestissue.inference.model_comparison import OF_OUTCOMES
-    from bayestissue.reports.pages.page_tables import Field, number_field, table_of
+    from bayestissue.reports.pages.page_tables import Field, table_of
 
     comparison, posteriors = compared.comparison, compared.posteriors
     data = [Field("data")] if len(comparison["data"].unique()) > 1 else []
     numbers = (
-        number_field("elpd", words="{:.1f}".format),
-        number_field("off the best", "elpd_difference", "{:.1f}".format),
-        number_field("its se", "se_difference", "{:.1f}".format),
-        number_field("weight", words="{:.2f}".format),
+        Field("elpd", "{:.1f}"),
+        Field("off the best", "{:.1f}", of=["elpd_difference"]),
+        Field("its se", "{:.1f}", of=["se_difference"]),
+        Field("weight", "{:.2f}"),
     )
     for scheme, rows in comparison.groupby("scheme", sort=False):
-        yield Grid(str(scheme), table_of(rows, Field("run", "model"), *data, *numbers))
+        yield Grid(str(scheme), table_of(rows, Field("run", of=["model"]), *data, *numbers))
         for row in rows[rows["warning"] != ""].to_dict("records"):
             yield f"  {row['model']}: {row['warning']}"
     yield more(codes_in(*comparison["warning"]))
@@ -253,13 +253,9 @@ def compare(
 
 def of_answers(answers: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     """Claims and numbers, each as a table, and under them what is to be said of single ones."""
-    from bayestissue.base.declarations import filled, general
     from bayestissue.commands.console import Grid
-    from bayestissue.reports.pages.page_tables import Field, number_field, table_of
+    from bayestissue.reports.pages.page_tables import Field, table_of
     from bayestissue.reports.pages.wording import estimated
-
-    def number(title: str, column: str, form: str) -> Field:
-        return number_field(title, column, lambda value: filled(form, value=value))
 
     def of_interval(place: int, row: Mapping[Any, Any]) -> str:
         text = estimated(row["median"], row["low"], row["high"])[place]
@@ -268,26 +264,28 @@ def of_answers(answers: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     titles = ("median", "from", "to")
     of_number = [Field(title, partial(of_interval, at), "number") for at, title in enumerate(titles)]
     of_claim = (
-        number("posterior", "posterior", "{value:.3f}"),
-        number("prior", "prior", "{value:.3f}"),
-        number("Bayes factor", "bayes_factor", "{value:.3g}"),
-        number("Monte Carlo error", "mcse", "{value:.2g}"),
+        Field("posterior", "{:.3f}"),
+        Field("prior", "{:.3f}"),
+        Field("Bayes factor", "{:.3g}", of=["bayes_factor"]),
+        Field("Monte Carlo error", "{:.2g}", of=["mcse"]),
     )
     of_choice = (
-        number("is best", "posterior", "{value:.3f}"),
-        number("best rank", "rank_low", "{value:g}"),
-        number("worst rank", "rank_high", "{value:g}"),
-        number("expected loss", "expected_loss", "{value:.3g}"),
+        Field("is best", "{:.3f}", of=["posterior"]),
+        Field("best rank", "{:g}", of=["rank_low"]),
+        Field("worst rank", "{:g}", of=["rank_high"]),
+        Field("expected loss", "{:.3g}", of=["expected_loss"]),
     )
-    mcse = Field("Monte Carlo error", lambda row: general(row["mcse"], 2), "number")
+    mcse = Field("Monte Carlo error", "{:.2g}", of=["mcse"], missing="nan")
     chosen = answers["level"] != ""
     numbers = ~chosen & answers["median"].notna()
     claims = ~chosen & ~numbers
     if claims.any():
-        table = table_of(answers[claims], Field("claim", "question"), *of_claim)
+        table = table_of(answers[claims], Field("claim", of=["question"]), *of_claim)
         yield Grid("probability of each claim", table)
     if numbers.any():
-        table = table_of(answers[numbers], Field("quantity", "question"), *of_number, Field("unit"), mcse)
+        table = table_of(
+            answers[numbers], Field("quantity", of=["question"]), *of_number, Field("unit"), mcse
+        )
         yield Grid("median and 90 % interval", table)
     for question, levels in answers[chosen].groupby("question", sort=False):
         yield Grid(str(question), table_of(levels, Field("level"), *of_number, *of_choice, Field("unit")))

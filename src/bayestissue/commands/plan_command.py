@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def _of_plan(plan: Plan) -> Iterator[Shown]:
     from bayestissue.base.outline import numbers_in_short
     from bayestissue.commands.console import Grid
-    from bayestissue.reports.pages.page_tables import Row, Table, columns
+    from bayestissue.reports.pages.page_tables import table_of_cells
     from bayestissue.reports.pages.wording import nouns_of_plan, with_error
     from bayestissue.studies.planning.plan_words import duration
 
@@ -34,19 +34,17 @@ def _of_plan(plan: Plan) -> Iterator[Shown]:
     people = nouns_of_plan(plan.content)("people")
     headings = ["kg", "m/s", "repeats", *recorders, "takes", *goals]
     rows = [
-        Row(
-            (
-                str(design["people"]),
-                *(numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")),
-                str(design["repeats"]),
-                *(design[name] for name in recorders),
-                duration(design["minutes"]),
-                *(with_error(goal["answered"], goal["se"]) for goal in design["goals"].values()),
-            )
+        (
+            str(design["people"]),
+            *(numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")),
+            str(design["repeats"]),
+            *(design[name] for name in recorders),
+            duration(design["minutes"]),
+            *(with_error(goal["answered"], goal["se"]) for goal in design["goals"].values()),
         )
         for design in designs
     ]
-    table = Table(columns(people, *headings, number=headings), rows)
+    table = table_of_cells(rows, people, *headings, number=headings)
     yield Grid(f"{plan.content['plan']['name']}: the probability of an answer", table)
     yield plan.answer
     yield plan.content["warning"]

@@ -28,8 +28,8 @@ from bayestissue.reports.figures.study_comparisons import points
 from bayestissue.reports.figures.theme import Figure, number
 from bayestissue.reports.pages.page import render_page
 from bayestissue.reports.pages.page_settings import LIMITS
-from bayestissue.reports.pages.page_tables import Field, Table, number_field, settings_table, shown, table_of
-from bayestissue.reports.pages.wording import SENTENCES, digits, interval, listed, nouns_of, significant
+from bayestissue.reports.pages.page_tables import Field, Table, settings_table, shown, table_of
+from bayestissue.reports.pages.wording import SENTENCES, interval, listed, nouns_of, significant
 from bayestissue.reports.pages.wording import number as in_words
 from bayestissue.studies.simulation import simulate
 from bayestissue.studies.simulation.simulation_file import (
@@ -308,7 +308,7 @@ def plain_table(name: str, frame: pd.DataFrame) -> Table:
         otherwise = "number" if pd.api.types.is_numeric_dtype(frame[column]) else "text"
         kind = declared[column].kind if column in declared else otherwise
         if kind == "text":
-            return Field(column, column, "words" if column in ("expected", "remedy") else "text")
-        return number_field(column, column, "{:.0f}".format if kind == "whole" else digits(4))
+            return Field(column, "words" if column in ("expected", "remedy") else "text")
+        return Field(column, "{:.0f}" if kind == "whole" else "4")
 
     return table_of(frame, *map(field, map(str, frame)))

@@ -34,31 +34,16 @@ class DeclaredColumn(NamedTuple):
     may_lack: bool
 
 
-class ShownColumn(NamedTuple):
-    """How a column of a shown table looks.
-
-    Attributes:
-        title: its heading.
-        form: how a cell is written: see `bayestissue.reports.pages.page_tables`.
-        of: the columns of the file that a cell is made of.
-        missing: what stands where they are empty.
-        optional: whether the column is left out where all of its cells are empty.
-    """
-
-    title: str
-    form: str
-    of: tuple[str, ...]
-    missing: str
-    optional: bool
-
-
 class ResultFile(NamedTuple):
-    """A file of a result folder: the commands that write it, what it (or a row) is, columns, and looks."""
+    """A file of a result folder: the commands that write it, what it (or a row) is, columns, and looks.
+
+    How a column of a shown table looks is a `bayestissue.reports.pages.page_tables.Field`, but its ``kind``.
+    """
 
     by: tuple[str, ...]
     holds: str
     columns: dict[str, DeclaredColumn]
-    looks: dict[str, ShownColumn]
+    looks: dict[str, dict[str, Any]]
 
 
 @cache
@@ -82,12 +67,16 @@ def _file(name: str, content: dict[str, Any]) -> ResultFile:
         for column in entry.get("columns", "").split()
     }
     not_known, optional = (entry.get(key, "").split() for key in ("not_known", "optional"))
-    looks = {}
-    for column, look in entry.get("shown", {}).items():
-        missing = "not known" if column in not_known else ""
-        of = tuple(look.get("of", [column]))
-        form = look.get("form", "text")
-        looks[column] = ShownColumn(look.get("title", column), form, of, missing, column in optional)
+    looks = {
+        column: {
+            "title": column,
+            "of": [column],
+            "missing": "not known" if column in not_known else "",
+            "optional": column in optional,
+        }
+        | look
+        for column, look in entry.get("shown", {}).items()
+    }
     return ResultFile(tuple(entry["by"]), entry["holds"], columns, looks)
 
 

@@ -23,7 +23,7 @@ from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.reports.figures.intervals import intervals, with_error_of
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.pages.page import render_page
-from bayestissue.reports.pages.page_tables import Row, Table, columns, settings_table
+from bayestissue.reports.pages.page_tables import Table, settings_table, table_of_cells
 from bayestissue.reports.pages.posterior import best_explanations
 from bayestissue.reports.pages.wording import (
     decimals,
@@ -103,10 +103,10 @@ def answers_table(answers: pd.DataFrame, runs: Sequence[str]) -> Table:
     """A row a ratio or question, a column a run: "1.24 (1.19 to 1.29)", a probability, or what lacks."""
     cells = {(row["question"], row["run"]): answer_words(row) for row in answers.to_dict("records")}
     rows = [
-        Row((str(question), *(cells.get((question, run), "not in this run") for run in runs)))
+        (str(question), *(cells.get((question, run), "not in this run") for run in runs))
         for question in dict.fromkeys(answers["question"])
     ]
-    return Table(columns("question", *runs, number=runs, words=("question",)), rows)
+    return table_of_cells(rows, "question", *runs, number=runs, words=("question",))
 
 
 def answer_words(row: Mapping[Any, Any]) -> str:
@@ -275,5 +275,5 @@ def differing_settings(runs: list[dict[str, Any]]) -> Table:
     flat = [{row.cells[0]: row.cells[1] for row in settings_table(run["model"]).rows} for run in runs]
     rows = {key: [settings.get(key, "not set") for settings in flat] for settings in flat for key in settings}
     rows["seed"] = [str(run.get("seed", "")) for run in runs]
-    differing = [Row((key, *values)) for key, values in rows.items() if len(set(values)) > 1]
-    return Table(columns("setting", *names, words=names), differing)
+    differing = [(key, *values) for key, values in rows.items() if len(set(values)) > 1]
+    return table_of_cells(differing, "setting", *names, words=names)

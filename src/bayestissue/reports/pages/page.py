@@ -24,6 +24,7 @@ from bayestissue.reports.pages.wording import (
     likelihood_words,
     listed,
     number,
+    percent,
     probability,
     significant,
     with_error,
@@ -122,10 +123,19 @@ def part(template: str) -> Any:
     return _environment().get_template(template).module
 
 
+def written(template: str, macro: str, *values: Any, **asked: Any) -> list[str]:
+    """The paragraphs that a macro of ``words/TEMPLATE.jinja`` writes, which a blank line tells apart.
+
+    ``asked`` are modules, by the names that the macros call them.
+    """
+    module = _environment().get_template(f"words/{template}.jinja").make_module(asked)
+    paragraphs = re.split(r"\n\s*\n", str(getattr(module, macro)(*values)))
+    return [re.sub(r" *\n *", " ", text.strip()) for text in paragraphs if text.strip()]
+
+
 def worded(template: str, macro: str, *values: Any) -> str:
-    """The text that a macro of ``words/TEMPLATE.jinja`` writes, its lines one after the other."""
-    written = str(getattr(part(f"words/{template}.jinja"), macro)(*values))
-    return re.sub(r" *\n[ \n]*", " ", written.strip())
+    """The same as one text."""
+    return " ".join(written(template, macro, *values))
 
 
 def script(name: str) -> Markup:
@@ -151,8 +161,17 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     # How sentences of a template write numbers and names.
-    written = (counted, general, half_width, likelihood_words, listed, number, numbers_in_short, significant)
-    for words in (prose, *written, probability, with_error):
+    of_numbers = (
+        general,
+        half_width,
+        likelihood_words,
+        number,
+        percent,
+        probability,
+        significant,
+        with_error,
+    )
+    for words in (prose, counted, listed, numbers_in_short, *of_numbers):
         environment.filters[words.__name__] = words
     for draw in (again, drawn):
         environment.filters[draw.__name__] = _in_the_pages_nouns(draw)

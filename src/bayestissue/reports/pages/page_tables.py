@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 from markupsafe import Markup
 
 from bayestissue.base.declarations import declared, filled
 from bayestissue.base.outline import markdown_rows, numbers_in_short
-from bayestissue.base.results.tables import ShownColumn, declared_files
+from bayestissue.base.results.tables import declared_files
 from bayestissue.inference.results.meanings import SECANTS, heading_words
 from bayestissue.reports.pages.wording import (
     Spread,
@@ -23,6 +23,7 @@ from bayestissue.reports.pages.wording import (
     digits,
     interval,
     number,
+    percent,
     probability,
     significant,
     with_error,
@@ -30,62 +31,65 @@ from bayestissue.reports.pages.wording import (
 
 
 @dataclass(frozen=True)
-class Column:
-    """A heading and how its cells are set: ``"text"``, ``"number"`` (to the right) or ``"words"``."""
-
-    title: str
-    kind: str = "text"
-
-
-@dataclass(frozen=True)
-class Row:
-    """The cells of one row; ``mark`` is a class of the style sheet, such as ``"disagrees"``."""
-
-    cells: Sequence[str]
-    mark: str = ""
-    anchor: str = ""
-
-
-@dataclass(frozen=True)
-class Table:
-    """A whole table; cells are text, or `Markup` where they hold more than text."""
-
-    columns: Sequence[Column]
-    rows: Sequence[Row] = field(default_factory=tuple)
-
-    def markdown(self) -> list[str]:
-        """Its lines in Markdown."""
-        return markdown_rows(tuple(column.title for column in self.columns), (row.cells for row in self.rows))
-
-
-@dataclass(frozen=True)
 class Field:
-    """A column with what makes its cell of a row of the data; ``kind`` as of `Column`.
+    """A column, and what makes its cell of a row of the data.
 
-    That is a function of the row, or the name of what the row has there, which is the title unless given.
-    Where it is ``optional`` it is left out if all its cells are empty.
+    Attributes:
+        title: its heading.
+        form: how the values are written that the row has in the columns ``of``: see `_words_of`. Or what
+            makes the cell of the row.
+        kind: how cells are set: ``"text"``, ``"number"`` (to the right) or ``"words"``, which may grow wide;
+            that of the form unless given.
+        of: that of the title unless given.
+        missing: what stands where all of these values are missing.
+        optional: whether the column is left out where all of its cells are empty.
     """
 
     title: str
-    cell: Callable[[Any], str] | str = ""
-    kind: str = "text"
+    form: str | Callable[[Any], str] = "text"
+    kind: str = ""
+    of: Sequence[str] = ()
+    missing: str = ""
     optional: bool = False
 
     def text(self, row: Any) -> str:
         """The cell of a row."""
-        return str(row[self.cell or self.title]) if isinstance(self.cell, str) else self.cell(row)
+        if callable(self.form):
+            return self.form(row)
+        values = [row[column] for column in self.of or (self.title,)]
+        return self.missing if all(map(pd.isna, values)) else _words_of(self.form)(*values)
+
+    @property
+    def column(self) -> Column:
+        """Its heading, and how its cells are set."""
+        of_texts = {"words": "words"} | dict.fromkeys(_TEXTS, "text")
+        of_form = "text" if callable(self.form) else of_texts.get(self.form, "number")
+        return Column(self.title, self.kind or of_form)
 
 
-def number_field(
-    title: str, column: str = "", words: Callable[[float], str] = significant, missing: str = ""
-) -> Field:
-    """A column of numbers in words; ``missing`` where a row lacks its number."""
+class Column(NamedTuple):
+    """A heading and how its cells are set: see `Field`."""
 
-    def cell(row: Any) -> str:
-        value = row[column or title]
-        return missing if pd.isna(value) else words(value)
+    title: str
+    kind: str = "text"
 
-    return Field(title, cell, "number")
+
+class Row(NamedTuple):
+    """The cells of one row; ``mark`` is a class of the style sheet, such as ``"disagrees"``."""
+
+    cells: Sequence[str]
+    mark: str = ""
+
+
+class Table(NamedTuple):
+    """A whole table; cells are text, or `Markup` where they hold more than text."""
+
+    columns: Sequence[Column] = ()
+    rows: Sequence[Row] = ()
+
+    def markdown(self) -> list[str]:
+        """Its lines in Markdown."""
+        return markdown_rows(tuple(column.title for column in self.columns), (row.cells for row in self.rows))
 
 
 def table_of(
@@ -97,9 +101,17 @@ def table_of(
     rows = rows.to_dict("records") if isinstance(rows, pd.DataFrame) else list(rows)
     used = [field for field in fields if not field.optional or any(field.text(row) for row in rows)]
     return Table(
-        [Column(field.title, field.kind) for field in used],
+        [field.column for field in used],
         [Row(tuple(field.text(row) for field in used), mark(row)) for row in rows],
     )
+
+
+def table_of_cells(
+    rows: Iterable[Sequence[str]], *titles: str, number: Sequence[str] = (), words: Sequence[str] = ()
+) -> Table:
+    """A table of cells; columns in ``number`` are set to the right, those in ``words`` may grow wide."""
+    kinds = dict.fromkeys(number, "number") | dict.fromkeys(words, "words")
+    return Table([Column(title, kinds.get(title, "text")) for title in titles], [Row(row) for row in rows])
 
 
 def _region(low: float, high: float) -> str:
@@ -123,6 +135,7 @@ _TEXTS: dict[str, Callable[..., str]] = {
 _NUMBERS: dict[str, Callable[..., str]] = {
     "g": "{:g}".format,
     "p": probability,
+    "%": percent,
     "± %": lambda share, se: f"{100 * share:.1f} ± {100 * se:.1f} %",
     "hours": lambda minutes: significant(minutes / 60, 2),
     "printed": str,
@@ -138,9 +151,11 @@ _NUMBERS: dict[str, Callable[..., str]] = {
 
 
 def _words_of(form: str) -> Callable[..., str]:
-    """What writes a form that is declared: digits as "3", decimals as ".3", or "± .2" with an error."""
+    """What writes a form: digits as "3", decimals as ".3", "± .2" with an error, or "{:g} %", in braces."""
     if form in _TEXTS or form in _NUMBERS:
         return (_TEXTS | _NUMBERS)[form]
+    if "{" in form:
+        return partial(filled, form)
     if form.startswith("± "):
         return partial(with_error, decimals=int(form.removeprefix("± .")))
     return decimals(int(form[1:])) if form.startswith(".") else digits(int(form))
@@ -166,7 +181,7 @@ def shown(
         **values: what stands in braces in titles.
     """
     looks = declared_files()[f"{name}.csv"].looks
-    present = [column for column in only or looks if set(looks[column].of) <= set(rows)]
+    present = [column for column in only or looks if set(looks[column]["of"]) <= set(rows)]
     declared = zip(present, declared_fields(name, present, **values), strict=True)
     return table_of(rows, *(fields.get(column, field) for column, field in declared), mark=mark)
 
@@ -174,33 +189,16 @@ def shown(
 def declared_fields(name: str, columns: Iterable[str], **values: str) -> list[Field]:
     """Columns of the table ``name`` as they are declared to be shown; see `shown`."""
     looks = declared_files()[f"{name}.csv"].looks
-    return [_field(looks[column], values) for column in columns]
-
-
-def _field(look: ShownColumn, values: Mapping[str, str]) -> Field:
-    words = _words_of(look.form)
-
-    def cell(row: Any) -> str:
-        cells = [row[column] for column in look.of]
-        return look.missing if all(map(pd.isna, cells)) else words(*cells)
-
-    kind = "words" if look.form == "words" else "text" if look.form in _TEXTS else "number"
-    return Field(filled(look.title, **values), cell, kind, look.optional)
-
-
-def columns(*titles: str, number: Sequence[str] = (), words: Sequence[str] = ()) -> tuple[Column, ...]:
-    """One column a title; those in ``number`` are set to the right, those in ``words`` may grow wide."""
-    return tuple(
-        Column(title, "number" if title in number else "words" if title in words else "text")
-        for title in titles
-    )
+    return [
+        Field(**looks[column] | {"title": filled(looks[column]["title"], **values)}) for column in columns
+    ]
 
 
 def frame_table(frame: pd.DataFrame, words: Callable[[Any], str]) -> Table:
     """Every column of ``frame`` under its own name, each cell in ``words``, numbers to the right."""
     numbers = [str(name) for name in frame if pd.api.types.is_numeric_dtype(frame[name])]
-    rows = [Row([words(value) for value in row]) for row in frame.itertuples(index=False, name=None)]
-    return Table(columns(*map(str, frame), number=numbers), rows)
+    rows = ([words(value) for value in row] for row in frame.itertuples(index=False, name=None))
+    return table_of_cells(rows, *map(str, frame), number=numbers)
 
 
 def tag(kind: str, words: str) -> Markup:
@@ -214,7 +212,7 @@ def settings_table(content: Mapping[str, Any], shown_elsewhere: Collection[str] 
     The top-level keys in ``shown_elsewhere`` are left out.
     """
     remaining = {key: value for key, value in content.items() if key not in shown_elsewhere}
-    return Table(columns("setting", "value", words=("value",)), [Row(pair) for pair in _flat(remaining)])
+    return table_of_cells(_flat(remaining), "setting", "value", words=("value",))
 
 
 def _flat(content: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
@@ -244,12 +242,12 @@ SHOWN_ELSEWHERE = ("name", "description", "formula", "priors")
 def priors_table(model: Mapping[str, Any], unused: Collection[str] = ()) -> Table:
     """Every prior but the ``unused``: of what, for which quantity, and the distribution in words."""
     rows = [
-        Row((name, _MEANINGS.get(name, ""), quantity, distribution))
+        (name, _MEANINGS.get(name, ""), quantity, distribution)
         for name, prior in dict(model.get("priors", {})).items()
         if name not in unused
         for quantity, distribution in _distributions(prior)
     ]
-    return Table(columns("parameter", "meaning", "quantity", "prior", words=("meaning",)), rows)
+    return table_of_cells(rows, "parameter", "meaning", "quantity", "prior", words=("meaning",))
 
 
 def _distributions(prior: Any) -> Iterator[tuple[str, str]]:
@@ -285,11 +283,11 @@ def diagnostics_table(diagnostics: Mapping[str, Any]) -> Table:
     """Every check of the sampler: value, limit, verdict, meaning and next step."""
     return table_of(
         diagnostics["checks"],
-        Field("check", "name"),
+        Field("check", of=["name"]),
         Field("value", lambda check: _plain(check["value"]), "number"),
         Field("limit", lambda check: _plain(check["limit"]), "number"),
         Field("verdict", lambda check: tag("yes", "passed") if check["passed"] else tag("no", "FAILED")),
-        Field("what it means", "meaning", "words"),
+        Field("what it means", "words", of=["meaning"]),
         Field("next step", lambda check: check["next_step"] or "", "words"),
         mark=lambda check: "" if check["passed"] else "failed",
     )

@@ -222,7 +222,7 @@ def gains_table(content: Mapping[str, Any]) -> Table:
     ]
     return table_of(
         rows,
-        Field("with", kind="words"),
+        Field("with", "words"),
         *declared_fields("designs", ("goal", "answered")),
         Field("more by", gain, "number"),
         *declared_fields("designs", ("undecided_bits", "width")),

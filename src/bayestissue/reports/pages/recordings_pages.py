@@ -22,7 +22,7 @@ from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.figures.traces import CONTACT, PEAK, TURN, against, panels, thinned
 from bayestissue.reports.pages.page import render_page
 from bayestissue.reports.pages.page_settings import LIMITS
-from bayestissue.reports.pages.page_tables import Row, Table, columns, frame_table
+from bayestissue.reports.pages.page_tables import frame_table, table_of_cells
 
 # Time [ms] and value of each curve and event, by kind.
 type Panel = dict[str, tuple[Any, Any]]
@@ -181,9 +181,10 @@ def check_page(
         phantom_table=None
         if phantoms is None
         else frame_table(phantoms.rename(columns={"label": "impact"}), _cell_words(4)),
-        problems=Table(
-            columns("severity", "impacts", "what", words=("impacts", "what")),
+        problems=table_of_cells(
             [*_problems("left out", dataset.left_out), *_problems("warning", warnings)],
+            *("severity", "impacts", "what"),
+            words=("impacts", "what"),
         ),
         codes=[problem.code for problem in (*dataset.left_out, *warnings)],
         quality=frame_table(
@@ -262,11 +263,11 @@ def kinds(problems: Sequence[Problem]) -> list[list[Problem]]:
     return list(groups.values())
 
 
-def _problems(severity: str, problems: Sequence[Problem]) -> list[Row]:
+def _problems(severity: str, problems: Sequence[Problem]) -> list[tuple[str, str, str]]:
     rows = []
     for group in kinds(problems):
         impacts = list(dict.fromkeys(problem.impact for problem in group if problem.impact))
-        rows.append(Row([severity, first_of(impacts, 12), str(replace(group[0], impact=None))]))
+        rows.append((severity, first_of(impacts, 12), str(replace(group[0], impact=None))))
     return rows
 
 
@@ -300,9 +301,7 @@ def init_page(
         "init.html",
         dataset=dataset,
         nouns=_nouns(dataset),
-        understood=Table(
-            columns("what", "understood as", words=("understood as",)), [Row(pair) for pair in understood]
-        ),
+        understood=table_of_cells(understood, "what", "understood as", words=("understood as",)),
         notes=notes,
         left_out=[str(problem) for problem in by_cause(left_out)],
         codes=[problem.code for problem in left_out],

@@ -3,39 +3,116 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Container, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.errors import InputError, Problem
+from bayestissue.base.errors import InputError, Problem, all_of
 from bayestissue.base.results.files import whole_file
 from bayestissue.base.results.manifest import require_as_written
-from bayestissue.base.results.tables import AGAIN, HELD, wrong_in
+from bayestissue.base.results.tables import AGAIN, HELD, read_table, wrong_in
 from bayestissue.base.runtime import FORMAT
 
 # Of every run with a posterior.
 POSTERIOR_TABLES = ("summary", "hypotheses", "sensitivity")
 
 
-class PosteriorRun:
-    """What the files of a run with a posterior of K and C say.
+def of_table(name: str, words: str) -> property:
+    """The table of a run of this name, text and numbers as they are declared; ``words`` say what it has."""
+    return property(lambda run: run.table(name), doc=words)
 
-    ``groups`` holds the data sets of `posterior.nc` that the report shows; the tables keep their column
-    names, text as it was written and numbers as float64.
+
+def stored_table(folder: Path, name: str) -> pd.DataFrame:
+    """A table of a run in a folder.
+
+    Raises:
+        KeyError: the run has none of this name.
+    """
+    if not (folder / f"{name}.csv").is_file():
+        raise KeyError(name)
+    return read_table(folder, name)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PosteriorRun:
+    """A finished run with a posterior of K and C, just made or read back from its folder.
+
+    Attributes:
+        about: the content of ``run.json``.
+        posterior: the ArviZ DataTree with all groups of ``posterior.nc``: draws, predictions, densities,
+            data. Of a run that was read back they are read from the file as they are needed.
+        diagnostics: whether the sampler did its work (``passed``), and each check: ``diagnostics.json``.
+            Besides, what is in doubt whatever the sampler did: ``measuring_chain`` (see
+            `bayestissue.inference.checking.measuring_chain.judge`) and ``model_form``.
+        table: a table of the folder by its name, such as "summary"; a KeyError where there is none.
+        folder: of the run that was read back, or of the dataset that was fitted; None where it has none.
     """
 
-    record: dict[str, Any]
+    # Without which it is no such run, and what pages can't do without: groups of `posterior.nc`, variables by
+    # group, and tables; and how a run is made anew.
+    opened: ClassVar[tuple[str, ...]]
+    needed: ClassVar[Mapping[str, Sequence[str]]]
+    table_files: ClassVar[tuple[str, ...]]
+    again: ClassVar[str]
+
+    about: dict[str, Any]
+    posterior: xr.DataTree
     diagnostics: dict[str, Any]
-    groups: dict[str, xr.Dataset]
-    summary: pd.DataFrame
-    hypotheses: pd.DataFrame
-    sensitivity: pd.DataFrame
+    table: Callable[[str], pd.DataFrame]
+    folder: Path | None = None
+
+    summary = of_table("summary", "Mean, median, intervals, R-hat, effective sample sizes of all quantities.")
+    hypotheses = of_table("hypotheses", "Probabilities of what is claimed of mass exponents.")
+    sensitivity = of_table("sensitivity", "How much prior and data move each quantity of the population.")
+
+    @classmethod
+    def read(cls, folder: Path, record: dict[str, Any]) -> Self:
+        """The run in a folder, whose ``run.json`` holds ``record``; its files are read as they are needed.
+
+        Raises:
+            InputError: files lack, or aren't what a run writes.
+        """
+        require_files(folder, ["posterior.nc", "diagnostics.json"])
+        tree = open_tree(folder / "posterior.nc", dict.fromkeys(cls.opened, ()), cls.again)
+        diagnostics = read_json(folder / "diagnostics.json")
+        return cls(record, tree, diagnostics, cache(partial(stored_table, folder)), folder)
+
+    def complete(self) -> Self:
+        """The same, after every file that a page is made of was read.
+
+        Raises:
+            InputError: a file lacks or isn't what a run writes; all such files are named at once.
+        """
+        if (folder := self.folder) is not None:
+            require_files(folder, [f"{name}.csv" for name in self.table_files])
+            all_of(lambda read: read(), self._readers())
+        return self
+
+    def _readers(self) -> list[Callable[[], Any]]:
+        """What reads each of these files."""
+        return [*(partial(self.table, name) for name in self.table_files), lambda: self.groups]
+
+    @cached_property
+    def groups(self) -> dict[str, xr.Dataset]:
+        """The groups that pages show, in memory."""
+        require_groups(self.posterior, self.needed, (self.folder or Path()) / "posterior.nc", self.again)
+        return {name: self._shown(name).load() for name in self.needed}
+
+    def _shown(self, group: str) -> xr.Dataset:
+        return self.posterior[group].to_dataset()
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What pages say of the run: ``about``."""
+        return self.about
 
     def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
         """All draws of ``variable``, [draw, ...]: chains one after the other."""
@@ -140,57 +217,15 @@ def open_tree(path: Path, needed: Mapping[str, Sequence[str]], remedy: str = AGA
         return tree
 
 
-def read_groups(
-    path: Path,
-    needed: Mapping[str, Sequence[str]],
-    remedy: str = AGAIN,
-    *,
-    of_impacts: Collection[str] | None = None,
-) -> dict[str, xr.Dataset]:
-    """The groups ``needed`` of a ``posterior.nc``, in memory: see `open_tree`.
-
-    Of draws of single impacts, which are most of the file, those of ``of_impacts``; all unless it is given.
-    """
-    import h5py
-
-    with _as_input_errors(path, remedy), ExitStack() as files:
-        with h5py.File(path) as file:
-            present = [group for group in needed if group in file]
-        # Not the others: opening a variable takes longer than reading it.
-        groups = {
-            group: files.enter_context(xr.open_dataset(path, group=group, engine="h5netcdf"))
-            for group in present
-        }
-        _require_parts(groups, needed, path, remedy)
-        if of_impacts is not None:
-            groups = of_population(groups, of_impacts)
-        return {name: data.load() for name, data in groups.items()}
-
-
-def of_population(
-    groups: Mapping[str, xr.Dataset], of_impacts: Collection[str] = ()
-) -> dict[str, xr.Dataset]:
-    """The groups with draws of single impacts for ``of_impacts`` alone."""
-    posterior = groups["posterior"]
-    single = {name for name in posterior.data_vars if "impact" in posterior[name].dims}
-    return {**groups, "posterior": posterior.drop_vars(single - set(of_impacts))}
-
-
 def require_groups(
     tree: xr.DataTree, needed: Mapping[str, Sequence[str]], path: Path, remedy: str = AGAIN
 ) -> None:
     """Raise an `InputError` of a tree that lacks some of the variables ``needed``, by group."""
-    _require_parts({group: tree[group].data_vars for group in tree.children}, needed, path, remedy)
-
-
-def _require_parts(
-    groups: Mapping[str, Container[Any]], needed: Mapping[str, Sequence[str]], path: Path, remedy: str
-) -> None:
     lacking = [
         f"{group}/{name}" if name else group
         for group, names in needed.items()
         for name in names or ("",)
-        if group not in groups or (name and name not in groups[group])
+        if group not in tree.children or (name and name not in tree[group].data_vars)
     ]
     if lacking:
         raise InputError(wrong_in(path, f"the parts {', '.join(lacking)}", remedy, value="none of them"))

@@ -30,7 +30,7 @@ from bayestissue.reports.pages.posterior import (
 from bayestissue.reports.pages.wording import listed, percent, relative
 from bayestissue.thesis.audit.inconsistencies import TEXTS
 from bayestissue.thesis.pages import published_figures, published_run
-from bayestissue.thesis.pages.published_run import PublishedRun, read_published_run
+from bayestissue.thesis.pages.published_run import PublishedRun
 from bayestissue.thesis.reproduction.conditions import Quantity
 from bayestissue.thesis.reproduction.relations import printed_line
 
@@ -102,7 +102,7 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
     Raises:
         InputError: a file of the run lacks or isn't what a run writes.
     """
-    run = read_published_run(folder, record)
+    run = PublishedRun.read(folder, record).complete()
     published = read_published()
     lines = {quantity: printed_line(published, quantity) for quantity in QUANTITIES}
     return render_page(

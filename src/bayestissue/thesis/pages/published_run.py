@@ -4,49 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 
 from bayestissue.base.outline import counted
-from bayestissue.base.results.tables import read_tables
 from bayestissue.inference.results.meanings import UNITS
-from bayestissue.reports.pages.page_tables import Field, Row, Table, columns, shown, tag
+from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of_cells, tag
 from bayestissue.reports.pages.posterior import QUANTITIES, spread
-from bayestissue.reports.pages.run_folder import (
-    POSTERIOR_TABLES,
-    PosteriorRun,
-    read_groups,
-    read_json,
-    require_files,
-)
+from bayestissue.reports.pages.run_folder import POSTERIOR_TABLES, PosteriorRun, of_table
 from bayestissue.reports.pages.wording import listed, significant
 from bayestissue.thesis.audit.inconsistencies import SEVERITIES
 from bayestissue.thesis.reproduction.conditions import Quantity
 
-_TABLES = (*POSTERIOR_TABLES, "reproduction", "audit", "comparison", "predictive_checks")
-_GROUPS: dict[str, tuple[str, ...]] = dict.fromkeys(
-    ("posterior", "observed_data", "posterior_predictive", "constant_data"), ()
-)
+_GROUPS = ("posterior", "observed_data", "posterior_predictive", "constant_data")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class PublishedRun(PosteriorRun):
-    """What the files of a `reproduce` run say."""
+    """A finished `reproduce` run."""
 
-    record: dict[str, Any]
-    diagnostics: dict[str, Any]
-    groups: dict[str, xr.Dataset]
-    summary: pd.DataFrame
-    hypotheses: pd.DataFrame
-    sensitivity: pd.DataFrame
-    reproduction: pd.DataFrame
-    audit: pd.DataFrame
-    comparison: pd.DataFrame
-    predictive_checks: pd.DataFrame
+    opened = _GROUPS
+    needed: ClassVar = dict.fromkeys(_GROUPS, ())
+    table_files = (*POSTERIOR_TABLES, "reproduction", "audit", "comparison", "predictive_checks")
+    again = "Make the run anew with `bayestissue reproduce`."
+
+    reproduction = of_table("reproduction", "Every published number beside the recomputed one.")
+    audit = of_table("audit", "What the audit found, the worst first.")
+    comparison = of_table("comparison", "How well each explanation predicts.")
+    predictive_checks = of_table("predictive_checks", "Statistics of the data beside those predicted.")
 
     def observed(self, name: str) -> np.ndarray:
         """What was published, such as ``K_observed`` [impact]."""
@@ -56,24 +42,6 @@ class PublishedRun(PosteriorRun):
     def reference_mass(self) -> float:
         """The mass in kg at which people and conditions are reported."""
         return float(self.constant("reference_mass_kg"))
-
-
-def read_published_run(folder: Path, record: dict[str, Any]) -> PublishedRun:
-    """Read every file of the run in ``folder``, whose ``run.json`` holds ``record``.
-
-    Raises:
-        InputError: a file lacks or isn't what a run writes; all that lack are named at once.
-    """
-    names = [f"{name}.csv" for name in _TABLES]
-    require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
-    return PublishedRun(
-        record=record,
-        diagnostics=read_json(folder / "diagnostics.json"),
-        groups=read_groups(
-            folder / "posterior.nc", _GROUPS, "Make the run anew with `bayestissue reproduce`."
-        ),
-        **read_tables(folder, _TABLES),
-    )
 
 
 # Of `comparison.csv`.
@@ -111,7 +79,7 @@ def estimates_table(run: PublishedRun) -> Table:
         cells.append([one.value for one in spreads])
         cells.append([one.range for one in spreads])
         titles += [f"published {quantity} ({UNITS[quantity]})", f"posterior {quantity}", f"{quantity}, 90 %"]
-    return Table(columns(*titles, number=titles[1:]), [Row(row) for row in zip(*cells, strict=True)])
+    return table_of_cells(zip(*cells, strict=True), *titles, number=titles[1:])
 
 
 def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float]]) -> Table:
@@ -125,18 +93,16 @@ def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float
                 continue
             coefficient = spread(run.draws(variable))
             rows.append(
-                Row(
-                    (
-                        f"{name} of {quantity} ({UNITS[quantity]}{per})",
-                        f"{line[index]:g}".replace("-", "−"),
-                        coefficient.value,
-                        coefficient.range,
-                        "yes" if coefficient.holds(line[index]) else "no",
-                    )
+                (
+                    f"{name} of {quantity} ({UNITS[quantity]}{per})",
+                    f"{line[index]:g}".replace("-", "−"),
+                    coefficient.value,
+                    coefficient.range,
+                    "yes" if coefficient.holds(line[index]) else "no",
                 )
             )
     titles = ("straight line over mass", "thesis", "posterior", "90 %", "thesis inside")
-    return Table(columns(*titles, number=titles[1:4]), rows)
+    return table_of_cells(rows, *titles, number=titles[1:4])
 
 
 _AGREES = {"true": ("yes", "agrees"), "false": ("no", "differs"), "": ("note-level", "not derivable")}

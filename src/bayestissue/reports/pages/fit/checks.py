@@ -1,22 +1,26 @@
-"""What lies under the intervals of a fit: the measuring chain, what was left out, and what makes them."""
+"""What lies under the intervals of a fit: model, measuring chain, what was left out, and what makes them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from importlib.resources import files
 from statistics import NormalDist
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
+from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.fit.sentences import said
-from bayestissue.reports.pages.page import worded
+from bayestissue.reports.pages.fit.method_agreement import COVERAGE
 from bayestissue.reports.pages.page_settings import LIMITS, WORTH
-from bayestissue.reports.pages.page_tables import Field, Row, Table, columns, number_field, shown, table_of
+from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of, table_of_cells
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.wording import digits, listed, number, percent, relative
+from bayestissue.reports.pages.wording import listed, number, percent, relative
+
+if TYPE_CHECKING:
+    from bayestissue.mechanics.elements.element import Element
 
 _ERRORS = {
     "mass": ("mass of the impactor", "g", 1e3),
@@ -51,13 +55,13 @@ def chain_table(run: FitRun) -> Table:
     """How far each error of the measuring chain was known before, and is known after, the fit."""
     return table_of(
         [row for error in _ERRORS if (row := _chain_row(run, error))],
-        Field("error of", kind="words"),
+        Field("error of", "words"),
         Field("unit"),
-        number_field("sd before", "before", digits(2), "read off each trace"),
-        number_field("sd after", "after", digits(2), "not known"),
-        number_field("after / before", "left", percent),
-        number_field("greatest correction", "moved", digits(2), "not known"),
-        number_field("of its sd before", "farthest", "{:.1f} sd".format),
+        Field("sd before", "2", of=["before"], missing="read off each trace"),
+        Field("sd after", "2", of=["after"], missing="not known"),
+        Field("after / before", "%", of=["left"]),
+        Field("greatest correction", "2", of=["moved"], missing="not known"),
+        Field("of its sd before", "{:.1f} sd", of=["farthest"]),
         mark=lambda row: "disagrees" if row["farthest"] > WORTH.correction else "",
     )
 
@@ -81,16 +85,14 @@ def _chain_row(run: FitRun, error: str) -> dict[str, Any]:
     }
 
 
-def declared_words(run: FitRun) -> str:
-    """The standard deviations that the dataset declares of its measuring chain."""
+def declared_sds(run: FitRun) -> list[str]:
+    """The standard deviations that the dataset declares of its measuring chain, in words."""
     declared = run.record.get("uncertainty", {})
-    parts = [
+    return [
         f"{words} {shown(float(declared[name]))}"
         for name, (words, shown) in _DECLARED.items()
         if declared.get(name)
     ]
-    of_mass = run.record.get("model", {}).get("mass_error", "") if declared.get("relative_mass_sd") else ""
-    return worded("fit", "declared", parts, of_mass)
 
 
 def left_out_summary(run: FitRun) -> Table:
@@ -164,7 +166,7 @@ def sources_table(run: FitRun) -> Table:
     """A row a source, columns of K and C by level: share of the variance, and half its own interval."""
     sources = run.interval_sources
     cells = {(row["source"], row["level"], row["quantity"]): row for row in sources.to_dict("records")}
-    levels = _levels(run)
+    levels = source_levels(run)
     columns_shown = [(level, q) for level in levels for q in QUANTITIES if (_ALL, level, q) in cells]
     titles = [f"{q}, {levels[level]}" for level, q in columns_shown]
     present = set(sources["source"])
@@ -178,7 +180,7 @@ def sources_table(run: FitRun) -> Table:
         rows.append((_NAMES["element"], *["taken as true"] * len(titles)))
     widths = (_half_width(cells[(_ALL, *column)]["sd"]) for column in columns_shown)
     rows.append(("all together", *widths))
-    return Table(columns("source", *titles, number=titles), [Row(row) for row in rows])
+    return table_of_cells(rows, "source", *titles, number=titles)
 
 
 def _source_names(sources: pd.DataFrame) -> dict[str, str]:
@@ -190,7 +192,7 @@ def _source_names(sources: pd.DataFrame) -> dict[str, str]:
     )
 
 
-def _levels(run: FitRun) -> dict[str, str]:
+def source_levels(run: FitRun) -> dict[str, str]:
     """Levels that these data tell something of, in words: of one impact, that impact alone."""
     if len(run.impacts) == 1:
         return {"impact": _LEVELS["impact"]}
@@ -208,38 +210,69 @@ def _half_width(sd: float) -> str:
     return relative(math.expm1(_HALF * sd))
 
 
-def sources_words(run: FitRun) -> list[str]:
-    """What makes most of the interval of an impact and a new person, and what the fit takes for granted."""
+def largest_sources(run: FitRun, level: str, quantity: str) -> list[str]:
+    """The sources that make most of a variance, each with its share."""
     sources = run.interval_sources
-    levels = _levels(run)
-    shares = [
-        f"Of the 90 % interval of a {words}: "
-        f"{'; '.join(_largest_sources(sources, level, q) for q in QUANTITIES)}."
-        for level, words in (("impact", "recorded impact"), ("new person", levels.get("new person")))
-        if words
-    ]
-    if "element" not in set(sources["source"]):
-        shares.append(said("sources.element"))
-    alone = [said("sources.element_alone")] * run.element_alone
-    return [*alone, *shares, said("sources.window"), *_approximation_remarks(sources, levels)]
-
-
-def _largest_sources(sources: pd.DataFrame, level: str, quantity: str) -> str:
     names = _source_names(sources)
     chosen = sources[
         (sources["level"] == level) & (sources["quantity"] == quantity) & sources["source"].isin(names)
     ]
     ordered = chosen.sort_values("share", ascending=False, kind="stable")
     ordered = ordered[ordered["share"] >= min(WORTH.source, ordered["share"].max())]
-    named = [f"{names[row['source']]} {percent(row['share'])}" for row in ordered.to_dict("records")]
-    return f"of {quantity}’s variance {listed(named)}"
+    return [f"{names[row['source']]} {percent(row['share'])}" for row in ordered.to_dict("records")]
 
 
-def _approximation_remarks(sources: pd.DataFrame, levels: Mapping[str, str]) -> list[str]:
+def doubtful_levels(run: FitRun, levels: Mapping[str, str]) -> list[str]:
+    """Of which of the ``levels`` the sources do not add up to the variance of the draws, and how far off."""
+    sources = run.interval_sources
     drawn = sources[(sources["source"] == _DRAWN) & sources["level"].isin(levels)]
     off = drawn[~drawn["share"].between(*WORTH.approximation)]
-    doubtful = [
+    return [
         f"{row['quantity']} of {levels[row['level']]} ({row['share']:.2g} times)"
         for row in off.to_dict("records")
     ]
-    return [said("sources.approximation", doubtful=listed(doubtful))] if doubtful else []
+
+
+# Parameters of impacts that not every model and dataset has.
+_OF_SOME_FITS = ("atanh_theta1", "contact", "log_gain", "discrepancy", "noise_force", "log_force_ratio")
+_MEASURED = files("bayestissue.reports.pages.fit").joinpath("coverage.csv")
+
+
+def element_of(run: FitRun) -> Element | None:
+    """The law of the tissue; None of a spring and damper side by side."""
+    from bayestissue.mechanics.elements import element
+
+    name = str(run.record.get("model", {}).get("element", SIDE_BY_SIDE))
+    return None if name == SIDE_BY_SIDE else element(name)
+
+
+def unused_priors(run: FitRun) -> tuple[str, ...]:
+    """Priors that the model file may set and this fit has no use for."""
+    known = set(run.summary["variable"])
+    unused = (name for name in _OF_SOME_FITS if f"{name}_mean" not in known)
+    return tuple(prior for name in unused for prior in (name, f"sd_{name}"))
+
+
+def error_of_end(draws: int, p: float = 0.05) -> float:
+    """Standard error of a normal's ``p`` quantile by so many draws, as a share of the interval's width.
+
+    That is (p (1 - p) / draws)^1/2 over the density there, and the interval from there to the quantile 1 - p.
+    """
+    normal = NormalDist()
+    end = normal.inv_cdf(p)
+    return math.sqrt(p * (1 - p) / draws) / normal.pdf(end) / (-2 * end)
+
+
+def coverage_table(run: FitRun) -> Table | None:
+    """Coverage of this likelihood's intervals on simulated impacts; None where none was measured."""
+    if run.record.get("discrepancy"):
+        return None
+    with _MEASURED.open(encoding="utf-8") as stream:
+        coverage = pd.read_csv(stream)
+    measured = coverage[coverage["likelihood"] == run.likelihood]
+    return None if measured.empty else table_of(measured, *COVERAGE)
+
+
+def excluded_table(run: FitRun) -> Table:
+    """The impacts that were left out of the fit, and why."""
+    return table_of(run.record["left_out"], Field("impact and reason", str, "words"))

@@ -27,7 +27,7 @@ from bayestissue.reports.pages.fit.method_agreement import (
     method_values,
     shown_rows,
 )
-from bayestissue.reports.pages.fit.sentences import said
+from bayestissue.reports.pages.fit.words import sentence
 from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.posterior import (
     QUANTITIES,
@@ -36,6 +36,7 @@ from bayestissue.reports.pages.posterior import (
     mass_curve,
     typical_draws,
 )
+from bayestissue.reports.pages.wording import said
 
 
 def impacts(run: FitRun, x: str = "C", y: str = "K") -> Figure:
@@ -95,16 +96,20 @@ def first(run: FitRun, quantity: str) -> Iterator[tuple[str, Figure, str]]:
 
     Who differs, and the dependence on mass; every impact in order where one of them can't be.
     """
-    several, sentence = bool(answers.compared(run, quantity)), answers.who_sentence(run, quantity)
+    several, about = bool(answers.compared(run, quantity)), sentence("who", run, quantity)
     in_order = f"{quantity}-of-impacts", impacts(run, "order", quantity)
     if several or len(run.impacts) == 1:
-        yield f"{quantity}-of-whom", who(run, quantity), sentence
+        yield f"{quantity}-of-whom", who(run, quantity), about
     else:
-        yield *in_order, sentence
+        yield *in_order, about
     if mass_varies(run):
-        yield f"{quantity}-over-mass", mass(run, quantity, thesis=True), answers.mass_sentence(run, quantity)
+        yield (
+            f"{quantity}-over-mass",
+            mass(run, quantity, thesis=True),
+            sentence("mass_at_once", run, quantity),
+        )
     elif several:
-        yield *in_order, answers.scatter_sentence(run, quantity)
+        yield *in_order, sentence("scatter", run, quantity)
 
 
 def sides(run: FitRun) -> list[str]:

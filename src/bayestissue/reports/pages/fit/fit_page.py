@@ -11,29 +11,11 @@ from bayestissue.inference.results.meanings import ONE_IMPACT
 from bayestissue.model.hierarchy.columns import untried_words
 from bayestissue.model.hierarchy.formulas.formula import left_out_words
 from bayestissue.reports.figures.impacts import factors
-from bayestissue.reports.pages import answers_page, posterior
-from bayestissue.reports.pages.fit import (
-    answers,
-    checks,
-    explorer,
-    figures,
-    groups,
-    level_outcomes,
-    method_agreement,
-    model_words,
-    study_answers,
-    trace_predictions,
-    usual,
-)
+from bayestissue.reports.pages import posterior
+from bayestissue.reports.pages.fit import answers, figures, trace_predictions
 from bayestissue.reports.pages.fit.fit_run import FitRun
+from bayestissue.reports.pages.fit.words import modules, sentence, sentences
 from bayestissue.reports.pages.page import render_page
-
-# What the template calls for the words, tables and figures of a section, by the modules' names.
-_MODULES = (
-    *(answers, answers_page, checks, method_agreement, explorer, figures, level_outcomes),
-    *(groups, posterior, study_answers, trace_predictions, usual, model_words),
-)
-_SECTIONS: dict[str, Any] = {module.__name__.rpartition(".")[2]: module for module in _MODULES}
 
 
 def fit_page(folder: Path, record: dict[str, Any]) -> str:
@@ -75,6 +57,8 @@ def page_of(run: FitRun, **served: Any) -> str:
             for quantity in dict.fromkeys((*answers.answering(run).values(), posterior.OWN_DEPTH))
             if run.has(f"mass_exponent_{quantity}")
         ],
-        **_SECTIONS,
+        **modules(),
+        said=sentence,
+        paragraphs_of=sentences,
         **served,
     )

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.errors import InputError, all_of
+from bayestissue.base.errors import InputError
 from bayestissue.base.results.tables import read_table, table_of_rows, typed, wrong_in
 from bayestissue.base.words import Words
 from bayestissue.inference.answers.study import GROUPS, Study
@@ -22,15 +21,7 @@ from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.reports.figures.impacts import end
-from bayestissue.reports.pages.run_folder import (
-    POSTERIOR_TABLES,
-    PosteriorRun,
-    of_population,
-    open_tree,
-    read_json,
-    require_files,
-    require_groups,
-)
+from bayestissue.reports.pages.run_folder import POSTERIOR_TABLES, PosteriorRun, of_table
 
 if TYPE_CHECKING:
     from bayestissue.inference.chain.results import ChainEnd
@@ -50,19 +41,6 @@ TABLES = (
     "curves",
     "reliability",
 )
-# What the page can't do without, by group of `posterior.nc`.
-_NEEDED = {
-    "posterior": ("K", "C", "K_new", "C_new", "intercept_K", "intercept_C"),
-    "posterior_predictive": ("deceleration",),
-    "observed_data": ("displacement", "deceleration"),
-    "constant_data": ("time", "mass_kg", "velocity_m_s", "impact_subject", "impact_trial"),
-}
-_AGAIN = "Make the run anew with `bayestissue fit`."
-
-
-def _table(name: str, words: str) -> property:
-    """The table of a run of this name, text and numbers as they are declared; ``words`` say what it has."""
-    return property(lambda run: run.table(name), doc=words)
 
 
 def _may_lack(name: str, words: str) -> cached_property[pd.DataFrame]:
@@ -85,85 +63,58 @@ class FitRun(PosteriorRun):
     """A finished fit as its pages, texts and figures read it, just made or read back from its folder.
 
     Attributes:
-        about: the content of ``run.json``.
-        posterior: the ArviZ DataTree with all groups of ``posterior.nc``: draws, predictions, densities,
-            data. Of a run that was read back they are read from the file as they are needed.
-        diagnostics: whether the sampler did its work (``passed``), and each check: ``diagnostics.json``.
-            Besides, what is in doubt whatever the sampler did: ``measuring_chain`` (see
-            `bayestissue.inference.checking.measuring_chain.judge`) and ``model_form``.
-        table: a table of the folder by its name, such as "summary"; a KeyError where there is none.
-        folder: of the run that was read back, or of the dataset that was fitted; None where it has none.
         dataset: what was fitted; None of a run that was read back, which has no recordings.
         prepared: the model and its data, likewise.
         end: where the chains ended, likewise; see `chain_end`.
     """
 
-    about: dict[str, Any]
-    posterior: xr.DataTree
-    diagnostics: dict[str, Any]
-    table: Callable[[str], pd.DataFrame]
-    folder: Path | None = None
+    opened = GROUPS
+    needed: ClassVar = {
+        "posterior": ("K", "C", "K_new", "C_new", "intercept_K", "intercept_C"),
+        "posterior_predictive": ("deceleration",),
+        "observed_data": ("displacement", "deceleration"),
+        "constant_data": ("time", "mass_kg", "velocity_m_s", "impact_subject", "impact_trial"),
+    }
+    table_files = TABLES
+    again = "Make the run anew with `bayestissue fit`."
+
     dataset: Dataset | None = None
     prepared: Prepared | None = None
     end: ChainEnd | None = None
 
-    summary = _table("summary", "Mean, median, intervals, R-hat, effective sample sizes of all quantities.")
-    contrasts = _table("contrasts", "Ratios of K, C and outcomes between levels of categories and groups.")
-    reliability = _table("reliability", "Intraclass correlations, error of measurement, detectable change.")
-    agreement = _table("agreement", "Ratios of the thesis's method and the posterior.")
-    point_estimates = _table("estimates_dds", 'Of every impact by the thesis\'s method, "dds" of `estimate`.')
-    hypotheses = _table("hypotheses", "Probabilities of what is claimed of mass exponents.")
-    sensitivity = _table("sensitivity", "How much prior and data move each quantity of the population.")
-    cross_validation = _table("cross_validation", "Log predictive densities of what is left out in turn.")
-    interval_sources = _table("interval_sources", "What each source of error has in the intervals.")
-    levels = _table("levels", "Quantities at each level of a factor.")
-    loops = _table("loops", "Force over depth at each level of a factor.")
-    curves = _table("curves", "Outcomes over masses and velocities at each level of a factor.")
+    contrasts = of_table("contrasts", "Ratios of K, C and outcomes between levels of categories and groups.")
+    reliability = of_table("reliability", "Intraclass correlations, error of measurement, detectable change.")
+    agreement = of_table("agreement", "Ratios of the thesis's method and the posterior.")
+    point_estimates = of_table(
+        "estimates_dds", 'Of every impact by the thesis\'s method, "dds" of `estimate`.'
+    )
+    cross_validation = of_table("cross_validation", "Log predictive densities of what is left out in turn.")
+    interval_sources = of_table("interval_sources", "What each source of error has in the intervals.")
+    levels = of_table("levels", "Quantities at each level of a factor.")
+    loops = of_table("loops", "Force over depth at each level of a factor.")
+    curves = of_table("curves", "Outcomes over masses and velocities at each level of a factor.")
     truth = _may_lack("truth", "What simulated data were made from; empty of others.")
     questions = _may_lack("questions", "Answers to questions of the model file; those without one say why.")
 
-    @classmethod
-    def read(cls, folder: Path, record: dict[str, Any]) -> Self:
-        """The run in a folder, whose ``run.json`` holds ``record``; its files are read as they are needed.
-
-        Raises:
-            InputError: files lack, or aren't what a run writes.
-        """
-        require_files(folder, ["posterior.nc", "diagnostics.json"])
-        tree = open_tree(folder / "posterior.nc", dict.fromkeys(GROUPS, ()), _AGAIN)
-        return cls(
-            record, tree, read_json(folder / "diagnostics.json"), cache(partial(_stored, folder)), folder
-        )
-
     def complete(self) -> Self:
-        """The same, after every file that a page is made of was read.
+        """The same, after every file that a page is made of was read; see `PosteriorRun.complete`."""
+        return self if self.dataset is not None else super().complete()
 
-        Raises:
-            InputError: a file lacks or isn't what a run writes; all such files are named at once.
-        """
-        if self.dataset is None and (folder := self.folder) is not None:
-            require_files(folder, [f"{name}.csv" for name in TABLES])
-            readers: list[Callable[[], Any]] = [partial(self.table, name) for name in TABLES]
-            readers += [lambda: self.truth, lambda: self.questions, lambda: self.groups, self._require_checks]
-            all_of(lambda read: read(), readers)
-        return self
+    def _readers(self) -> list[Callable[[], Any]]:
+        return [*super()._readers(), lambda: self.truth, lambda: self.questions, self._require_checks]
 
     def _require_checks(self) -> None:
         if self.folder and "checks" not in self.diagnostics:
-            raise InputError(wrong_in(self.folder / "diagnostics.json", 'the key "checks"', _AGAIN))
+            raise InputError(wrong_in(self.folder / "diagnostics.json", 'the key "checks"', self.again))
 
-    @cached_property
-    def groups(self) -> dict[str, xr.Dataset]:  # type: ignore[override]
-        """The groups that pages show, in memory, without draws of single impacts.
-
-        Their medians and intervals stand in ``summary``.
-        """
-        require_groups(self.posterior, _NEEDED, (self.folder or Path()) / "posterior.nc", _AGAIN)
-        shown = of_population({name: self.posterior[name].to_dataset() for name in _NEEDED})
-        return {name: data.load() for name, data in shown.items()}
+    def _shown(self, group: str) -> xr.Dataset:
+        """Without draws of single impacts, whose medians and intervals stand in ``summary``."""
+        data = super()._shown(group)
+        single = [name for name, array in data.data_vars.items() if "impact" in array.dims]
+        return data.drop_vars(single) if group == "posterior" else data
 
     @property
-    def record(self) -> dict[str, Any]:  # type: ignore[override]
+    def record(self) -> dict[str, Any]:
         """``about``, with a name of the dataset."""
         name = self.about.get("dataset") or (self.folder.name if self.folder is not None else "")
         return self.about | {"dataset": name}
@@ -341,14 +292,3 @@ class FitRun(PosteriorRun):
     def times(self, what: str | None = None) -> np.ndarray:
         """[impact, sample]: when the samples of what is drawn, or of ``what``, were since contact [s]."""
         return self.constant("force_time" if (what or self.shown) == "force" else "time")
-
-
-def _stored(folder: Path, name: str) -> pd.DataFrame:
-    """A table of a run.
-
-    Raises:
-        KeyError: the run has none of this name.
-    """
-    if not (folder / f"{name}.csv").is_file():
-        raise KeyError(name)
-    return read_table(folder, name)

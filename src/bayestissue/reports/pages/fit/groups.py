@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.page import worded
-from bayestissue.reports.pages.posterior import group_words, spread, without_zero
+from bayestissue.reports.pages.posterior import spread, without_zero
 from bayestissue.reports.pages.wording import listed
 
 _FIRST = ("subject", "trial")
@@ -85,17 +84,6 @@ def own_slopes(run: FitRun) -> list[OwnSlope]:
                 covariate = "" if what == "mass_exponent" else what.removeprefix("effect_of_")
                 slopes.append(OwnSlope(dimension, covariate, quantity))
     return slopes
-
-
-def differing_words(run: FitRun) -> str:
-    """Whether people, or the levels of another grouping, differ in the dependence on mass; else empty."""
-    return " ".join(_differing(run, slope) for slope in own_slopes(run) if not slope.covariate)
-
-
-def _differing(run: FitRun, slope: OwnSlope) -> str:
-    levels = len(run.labels(slope.grouping))
-    named = group_words(slope.grouping)
-    return worded("fit", "own_mass", slope, *named, apart(run, slope), levels, scatter(run, slope))
 
 
 def apart(run: FitRun, slope: OwnSlope) -> list[str]:

@@ -19,13 +19,12 @@ from bayestissue.reports.figures.theme import Figure, number
 from bayestissue.reports.pages.fit.answers import person_words
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.method_agreement import evenly_spaced
-from bayestissue.reports.pages.fit.sentences import said
 from bayestissue.reports.pages.fit.study_answers import FIRST_OUTCOME as FIRST
 from bayestissue.reports.pages.fit.study_answers import impact_words, leading_levels
 from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.page_tables import Field, table_of
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.wording import Spread, likelihood_words, listed, probability
+from bayestissue.reports.pages.wording import Spread, likelihood_words, probability, said
 
 
 def factors(run: FitRun) -> list[str]:
@@ -268,20 +267,6 @@ def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:
     yield from _of_levels(run)
 
 
-def best_words(run: FitRun) -> list[str]:
-    """Of each factor of the first screen which level is best, as a sentence."""
-    return [
-        said("outcomes.best", factor=one["factor"], **one["best"])
-        for one in compared_levels(run)
-        if one["best"]
-    ]
-
-
-def pictures_words(run: FitRun) -> str:
-    """How the figures of what impacts do were made; empty where there are none."""
-    if run.loops.empty:
-        return ""
-    draws = sorted({int(count) for table in (run.loops, run.curves) for count in table["draws"]})
-    levels = "a typical person" if run.people_count > 1 else "this person"
-    over = said("outcomes.curves") if len(run.curves) else ""
-    return said("outcomes.pictures", who=levels, draws=listed([str(one) for one in draws]), over=over)
+def simulated_draws(run: FitRun) -> list[str]:
+    """In how many draws the impacts of the figures were simulated."""
+    return [str(one) for one in sorted({int(n) for table in (run.loops, run.curves) for n in table["draws"]})]

@@ -14,9 +14,9 @@ from bayestissue.inference.answers.reliability import agreement
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.page_settings import LIMITS, WORTH
-from bayestissue.reports.pages.page_tables import Field, Table, number_field, shown, table_of
+from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.wording import Spread, digits, percent
+from bayestissue.reports.pages.wording import Spread, percent
 
 # What `agreement_table` has the ratio of.
 TITLE = "thesis's method over posterior median"
@@ -45,7 +45,7 @@ def held_by_intervals(run: FitRun) -> pd.DataFrame:
 # Of how many intervals hold the truth: rows with quantity, level, held and impacts.
 COVERAGE = (
     Field("quantity"),
-    number_field("interval", "level", "{:g} %".format),
+    Field("interval", "{:g} %", of=["level"]),
     Field("hold the truth", lambda row: f"{row['held']} of {row['impacts']}", "number"),
     Field("share", lambda row: percent(row["held"] / row["impacts"]), "number"),
 )
@@ -109,7 +109,7 @@ def estimates_table(run: FitRun) -> Table:
     """Posterior beside the point estimates and, where known, the truth, of the first 300 impacts."""
     fields = [
         *map(Field, ("impact", "person", "condition")),
-        number_field("M (kg)", "mass_kg", "{:.3f}".format),
+        Field("M (kg)", "{:.3f}", of=["mass_kg"]),
     ]
     table = run.impacts_table[["impact", "person", "condition", "mass_kg"]].assign(none=no_interval(run))
     for q, values in run.estimates_by_method.items():
@@ -120,7 +120,7 @@ def estimates_table(run: FitRun) -> Table:
         fields += [
             Field(f"{symbol} ({UNITS[q]})", partial(_value, q), "number"),
             Field(f"{symbol}, 90 %", partial(_range, q), "number"),
-            *(number_field(title, column, digits(4), "not known") for title, column in points.items()),
+            *(Field(title, "4", of=[column], missing="not known") for title, column in points.items()),
         ]
     return table_of(table[: LIMITS.rows], *fields)
 

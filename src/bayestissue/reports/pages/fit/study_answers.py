@@ -21,10 +21,9 @@ from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
 from bayestissue.recordings.dataset.impact_table import SESSIONS
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.groups import groupings
-from bayestissue.reports.pages.fit.sentences import said
-from bayestissue.reports.pages.page import worded
+from bayestissue.reports.pages.fit.words import sentence
 from bayestissue.reports.pages.page_settings import LIMITS
-from bayestissue.reports.pages.page_tables import Field, Row, Table, columns, shown, table_of
+from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of, table_of_cells
 from bayestissue.reports.pages.posterior import QUANTITIES
 from bayestissue.reports.pages.wording import (
     Spread,
@@ -64,7 +63,7 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
         shown = part[part["quantity"].isin([q for q in QUANTITIES if q in run.of_tissue])].to_dict("records")
         if not shown or not {str(level), str(against)} <= best.get(str(factor), {str(level), str(against)}):
             continue
-        sentences = [_contrast_words(row, equivalence(run), kind) for row in shown]
+        parts = _parted(str(factor), str(level), str(against)) if kind == INTERACTION else None
         in_outcomes = [
             (outcome_name(row["quantity"]), _spread(row, "ratio"))
             for row in _of_outcomes(part).to_dict("records")
@@ -78,7 +77,7 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
                 "ratios": [(row["quantity"], _spread(row, "ratio")) for row in shown],
                 "outcomes": in_outcomes,
                 "first_outcome": in_outcomes[:1],
-                "words": " ".join([*sentences, *_note_words(shown)]),
+                "words": sentence("contrast", shown, percent(equivalence(run)), parts, ALSO),
             }
         )
     return contrasts[: LIMITS.comparisons]
@@ -109,32 +108,9 @@ def _parted(factor: str, level: str, against: str) -> tuple[tuple[str, str], tup
     return tuple((text.removesuffix(f":{inner}"), over) for text in (level, against))  # type: ignore[return-value]
 
 
-def _note_words(shown: list[dict[Any, Any]]) -> list[str]:
-    """What goes with a difference, as a sentence."""
-    notes = [
-        said("study.part_of_ratio", **row, what=str(row["note"]).removeprefix(ALSO))
-        for row in shown
-        if row["note"]
-    ]
-    return notes[:1]
-
-
 def equivalence(run: FitRun) -> float:
     """The relative difference that counts as none in practice."""
     return float(run.record.get("model", {}).get("practical_equivalence", {}).get("ratio", 0.1))
-
-
-def _contrast_words(row: dict[Any, Any], near: float, kind: str) -> str:
-    parts = _parted(row["factor"], row["level"], row["against"]) if kind == INTERACTION else None
-    return worded("fit", "contrast", row, percent(near), parts)
-
-
-def conditions_words(run: FitRun) -> str:
-    """Why conditions are not compared; empty where they are, or where the model has none."""
-    masses = run.has("mass_exponent_K") or run.has("mass_exponent_C")
-    conditions = run.has("trial_effect_K") or run.has("trial_effect_C")
-    compared = bool((run.contrasts["factor"] == "trial").any())
-    return said("study.masses") if masses and conditions and not compared else ""
 
 
 def contrasts_table(run: FitRun) -> Table:
@@ -147,14 +123,14 @@ def outcomes_table(run: FitRun) -> Table:
     """The first 300 comparisons in outcomes, those of a comparison side by side."""
     rows = _of_outcomes(run.contrasts)
     if rows.empty:
-        return Table(())
+        return Table()
     by = rows.assign(words=[_spread(row, "ratio").words for row in rows.to_dict("records")])
     names = ["factor", "level", "against", "note"]
     wide = by.pivot_table("words", names, "quantity", aggfunc="first", sort=False).reset_index()
     return table_of(
         wide[: LIMITS.rows],
         *_COMPARED,
-        *(Field(outcome_name(q), str(q), "number") for q in dict.fromkeys(rows["quantity"])),
+        *(Field(outcome_name(q), kind="number", of=[str(q)]) for q in dict.fromkeys(rows["quantity"])),
         Field("note", optional=True),
     )
 
@@ -176,19 +152,19 @@ def _of_outcomes(contrasts: pd.DataFrame) -> pd.DataFrame:
     return contrasts[contrasts["quantity"].isin(REFERENCE_OUTCOMES)]
 
 
-_COMPARED = (Field("of", "factor"), Field("comparison", lambda row: f"{row['level']} over {row['against']}"))
+_COMPARED = (Field("of", of=["factor"]), Field("comparison", "over", of=["level", "against"]))
 
 
-def repeatability(run: FitRun) -> list[str]:
-    """Of K and of C the least change that shows, all else the same, and the ICC(A,1), as sentences."""
-    cells, sentences = _by_place(run.reliability), []
+def repeatability(run: FitRun) -> list[tuple[str, list[Spread], Spread | None]]:
+    """Of K and of C the least change that shows, all else the same, and the ICC(A,1)."""
+    cells, answers = _by_place(run.reliability), []
     for q in QUANTITIES:
         changes = [
             _spread(row) for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)
         ]
         icc = cells.get((q, ICC, "ICC(A,1)", "1"))
-        sentences.append(worded("fit", "repeatable", q, changes[:1], _spread(icc) if icc else None))
-    return sentences
+        answers.append((q, changes[:1], _spread(icc) if icc else None))
+    return answers
 
 
 _PERCENT = "%"
@@ -203,9 +179,9 @@ def reliability_table(run: FitRun) -> Table:
     for measure, form, unit in dict.fromkeys(key[1:] for key in cells):
         pairs = [_cells(cells.get((q, measure, form, unit))) for q in QUANTITIES]
         shown = {"units": "N/m, N s/m", "1": ""}.get(unit, unit)
-        rows.append(Row((measure, form, shown, *(text for pair in pairs for text in pair))))
+        rows.append((measure, form, shown, *(text for pair in pairs for text in pair)))
     titles = ("measure", "form", "unit", "K", "K, 90 %", "C", "C, 90 %")
-    return Table(columns(*titles, number=titles[3:], words=titles[:1]), rows)
+    return table_of_cells(rows, *titles, number=titles[3:], words=titles[:1])
 
 
 def _by_place(table: pd.DataFrame) -> dict[tuple[str, str, str, str], dict[Any, Any]]:
@@ -229,21 +205,20 @@ def _largely_prior(row: dict[Any, Any]) -> bool:
     return bool(row["prior_overlap"] > MOSTLY)
 
 
-def prior_words(run: FitRun) -> str:
-    """Which coefficients the data leave largely as the prior has them; empty where none."""
+def largely_prior(run: FitRun) -> list[tuple[list[str], list[str], bool]]:
+    """Which coefficients the data leave largely as the prior has them, and by how much; empty where none.
+
+    Last, whether consistency is among them: agreement alone is no wonder where conditions are few.
+    """
     rows = [
         row
         for row in run.reliability.to_dict("records")
         if row["measure"] == ICC or (row["measure"] == SEM and row["unit"] == _PERCENT)
     ]
     vague = [row for row in rows if _largely_prior(row)]
-    if not vague:
-        return ""
-    low, high = (percent(end(row["prior_overlap"] for row in vague)) for end in (min, max))
-    by = low if low == high else f"{low} to {high}"
-    words = said("study.largely_prior", vague=listed([_name(row) for row in vague]), by=by)
+    overlaps = [percent(end(row["prior_overlap"] for row in vague)) for end in (min, max) if vague]
     consistent = any(row["form"].startswith(("ICC(C", "consistency")) for row in vague)
-    return words if consistent else f"{words} {said('study.agreement')}"
+    return [([_name(row) for row in vague], list(dict.fromkeys(overlaps)), consistent)] if vague else []
 
 
 def _name(row: dict[Any, Any]) -> str:
@@ -255,28 +230,22 @@ def _whole(value: float) -> str:
     return number(value, 0) if np.isfinite(value) else "no number"
 
 
-def reliability_words(run: FitRun) -> list[str]:
-    """The coefficients that answer how repeatable K and C are, in sentences."""
-    if run.reliability.empty:
-        return []
-    cells = _by_place(run.reliability)
-    sentences = []
-    for q in (q for q in QUANTITIES if any(key[0] == q for key in cells)):
-        errors = [
-            f"{words} {number(cells[q, SEM, form, _PERCENT]['median'], 1)}\N{NO-BREAK SPACE}%"
-            for form, words in (("measuring chain", "the measuring chain makes"), ("person", "the person"))
-        ]
-        words = said("study.error", quantity=q, errors=" and ".join(errors), changes=_changes(cells, q))
-        if (q, ICC, "ICC(A,1)", "1") in cells:
-            consistency, agreement = (_spread(cells[q, ICC, f"ICC({form},1)", "1"]).words for form in "CA")
-            repeats = worded("fit", "repeats", _spread(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"]))
-            icc = said("study.icc", consistency=consistency, agreement=agreement, repeats=repeats)
-            words = f"{words} {icc}"
-        sentences.append(words)
-    return sentences
+def measurement_errors(run: FitRun) -> list[tuple[str, list[float], list[str], list[list[Spread]]]]:
+    """Of K and of C the errors of one measurement in percent, of the chain and of the person; and changes.
+
+    Last ICC(C,1), ICC(A,1) and the repeats for an ICC(A,k) of 0.9, where there are any.
+    """
+    cells, errors = _by_place(run.reliability), []
+    for q in dict.fromkeys(key[0] for key in cells if key[0] in QUANTITIES):
+        chain, person = (cells[q, SEM, form, _PERCENT]["median"] for form in ("measuring chain", "person"))
+        forms = [(ICC, "ICC(C,1)"), (ICC, "ICC(A,1)"), (REPEATS, "ICC(A,k) of 0.9")]
+        has_icc = (q, *forms[1], "1") in cells
+        icc = [[_spread(cells[q, measure, form, "1"]) for measure, form in forms]] if has_icc else []
+        errors.append((q, [chain, person], _changes(cells, q), icc))
+    return errors
 
 
-def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> str:
+def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> list[str]:
     """The minimal detectable changes, each with what may vary between the two measurements."""
     changes: dict[str, str] = {}
     for (quantity, measure, form, unit), row in cells.items():
@@ -286,7 +255,7 @@ def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> 
             _, between, means = form.partition(", ")
             words = f"{change.value}\N{NO-BREAK SPACE}% ({change.range})"
             changes.setdefault(f"{where}{' between ' if between else ''}{means}", words)
-    return listed([f"{words} {where}" for where, words in changes.items()])
+    return [f"{words} {where}" for where, words in changes.items()]
 
 
 def another_day(run: FitRun) -> str:

@@ -13,9 +13,7 @@ from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.reports.figures.traces import BANDS
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.method_agreement import evenly_spaced
-from bayestissue.reports.pages.fit.sentences import said
 from bayestissue.reports.pages.page_settings import LIMITS
-from bayestissue.reports.pages.wording import percent
 
 STRUCTURED = 0.01
 OTHER_NOISE = 0.01
@@ -153,13 +151,3 @@ def other_noise(run: FitRun, left: Residuals) -> bool:
     Where the fit has tested each impact's residuals its verdict stands instead.
     """
     return not run.tested and left.other_noise_p < OTHER_NOISE
-
-
-def residual_words(run: FitRun, left: Residuals) -> list[str]:
-    """Whether the residuals have structure, and whether the model expects what they have."""
-    sentences = [said("traces.inside", share=percent(inside_band(left)))]
-    if run.tested:
-        of_force = [run.force_form["words"]] if run.force_form else []
-        return [*sentences, str(run.diagnostics["model_form"]["words"]), *of_force]
-    inside, also = left.lag_one["inside"], said("traces.other_noise") if other_noise(run, left) else ""
-    return [*sentences, said("traces.lag_one", inside=int(inside.sum()), all=len(inside), also=also)]

@@ -12,7 +12,6 @@ from bayestissue.base.literature import FACTOR, MEASURED, Comparable, Measuremen
 from bayestissue.inference.results.meanings import COLUMNS, OUTCOME_COLUMNS, outcome_name
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.level_outcomes import quantity_title, scaled
-from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.page_tables import Field, Table, table_of
 from bayestissue.reports.pages.wording import significant
 
@@ -96,27 +95,26 @@ def _lines_of(run: FitRun, one: Comparable) -> Iterator[Line]:
             yield Line(one.measurement, quantity, published, known)
 
 
-def usual_words(run: FitRun) -> str:
-    """How many published values are near this run's, and which are not; or why that can't be said."""
-    compared = lines(run)
-    quantities = dict.fromkeys(
-        outcome_name(_NAMES[name])
-        for one in comparable_measurements(run)
-        for name in one.measurement.published
+def published_quantities(run: FitRun) -> list[str]:
+    """What was measured in impacts like this run's."""
+    return list(
+        dict.fromkeys(
+            outcome_name(_NAMES[name])
+            for one in comparable_measurements(run)
+            for name in one.measurement.published
+        )
     )
-    off = dict.fromkeys(
-        f"{outcome_name(line.quantity)} ({line.unusual})" for line in compared if line.unusual
+
+
+def far_off(compared: Iterable[Line]) -> list[str]:
+    """Which values are beyond a factor of two of the published ones."""
+    return list(
+        dict.fromkeys(f"{outcome_name(line.quantity)} ({line.unusual})" for line in compared if line.unusual)
     )
-    return worded("fit", "usual", site(run), len(compared), list(quantities), list(off))
 
 
-def alike_words(run: FitRun, one: Comparable) -> str:
-    """What was measured, and how many of this run's impacts are like it."""
-    alike, impacts = int(one.impacts.sum()), len(one.impacts)
-    return worded("fit", "published", one.measurement, _motion(one.measurement), alike, impacts)
-
-
-def _motion(measurement: Measurement) -> str:
+def motion(measurement: Measurement) -> str:
+    """Its masses and velocities: "0.6 to 5 kg at 1 m/s"."""
     mass, velocity = (
         _span(values or (), "{:.3g}".format) for values in (measurement.mass, measurement.velocity)
     )
@@ -138,6 +136,6 @@ def usual_table(run: FitRun) -> Table:
         Field("here / published", lambda line: significant(line.ratio, 2), "number"),
         Field("unusual", lambda line: line.unusual, optional=True),
         Field("other site", lambda line: "" if site(run) else line.measurement.site, optional=True),
-        Field("published for", lambda line: _motion(line.measurement)),
+        Field("published for", lambda line: motion(line.measurement)),
         Field("by", lambda line: line.measurement.source.short),
     )
