@@ -17,7 +17,7 @@ import bayestissue as bt
 from bayestissue.inference.answers.law import Law
 from bayestissue.model.hierarchy.levels import log_at_levels
 from bayestissue.reports.pages.wording import Spread
-from bayestissue.reports.paper.documents import write_markdown, write_word
+from bayestissue.reports.paper.export import write_markdown, write_word
 from bayestissue.reports.paper.text import Text, text_of
 from bayestissue.reports.paper.workbook import people_wide, write_sheets
 from command_line import bayestissue

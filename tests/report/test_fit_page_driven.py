@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 
 from bayestissue.reports.pages.fit import explorer, trace_predictions
+from bayestissue.reports.pages.fit.words import sentence
 from make_fit_run import fit_run
 from page_reader import unpacked
 
@@ -75,10 +76,10 @@ def test_what_is_carried_of_a_recording_is_it_to_half_a_step(run) -> None:
 
 
 def test_where_recordings_are_too_many_some_are_carried_and_the_page_says_so(run, monkeypatch) -> None:
-    assert explorer.carried_words(run) == ""
+    assert sentence("carried", run) == ""
     monkeypatch.setattr(explorer, "MOST_VALUES", 3 * 22 * 6)
     assert len(explorer.carried(run)) == 3
-    assert "Recordings of 3 of 12 impacts" in explorer.carried_words(run)
+    assert "Recordings of 3 of 12 impacts" in sentence("carried", run)
 
 
 @needs_browser

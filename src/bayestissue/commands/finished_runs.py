@@ -341,9 +341,7 @@ def _of_compared_answers(answers: pd.DataFrame, questions: Collection[str]) -> I
     shown = answers[answers["question"].str.startswith(tuple(questions))]
     for question, rows in shown.groupby("question", sort=False):
         yield str(question)
-        width = rows["run"].str.len().max()
-        for row in rows.to_dict("records"):
-            yield f"  {row['run']:{width}}  {answer_words(row)}"
+        yield from _by_run(rows, answer_words)
 
 
 def _of_posteriors(posteriors: pd.DataFrame) -> Iterator[Shown]:
@@ -357,7 +355,13 @@ def _of_posteriors(posteriors: pd.DataFrame) -> Iterator[Shown]:
         ["variable", "of", "label", "unit"], sort=False
     ):
         yield heading_words(str(variable), str(level), str(label)) + ("" if unit == "1" else f" ({unit})")
-        width = shown["run"].str.len().max()
-        for row in shown.to_dict("records"):
-            median, low, high = estimated(*(row[name] for name in ("median", "eti90_low", "eti90_high")))
-            yield f"  {row['run']:{width}}  {median}, {low} to {high}"
+        yield from _by_run(
+            shown,
+            lambda row: "{}, {} to {}".format(*estimated(row["median"], row["eti90_low"], row["eti90_high"])),
+        )
+
+
+def _by_run(rows: pd.DataFrame, words: Callable[[Mapping[Any, Any]], str]) -> Iterator[str]:
+    """A line for each run."""
+    width = rows["run"].str.len().max()
+    return (f"  {row['run']:{width}}  {words(row)}" for row in rows.to_dict("records"))

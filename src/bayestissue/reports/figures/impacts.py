@@ -29,15 +29,11 @@ from bayestissue.reports.figures.theme import (
 )
 
 MASS = "mass of the impactor, M (kg)"
-# Headings of K and C, and of the ends of their 90 % intervals.
-INTERVALS = {
-    **{"K_N_per_m": "K (N/m)", "K_low_N_per_m": "K, 5 %", "K_high_N_per_m": "K, 95 %"},
-    **{"C_N_s_per_m": "C (N s/m)", "C_low_N_s_per_m": "C, 5 %", "C_high_N_s_per_m": "C, 95 %"},
-}
 _TITLES = {
     **{"impact": "impact", "person": "person", "condition": "condition"},
     **{"mass_kg": "mass (kg)", "velocity_m_s": "velocity (m/s)"},
-    **INTERVALS,
+    **{"K_N_per_m": "K (N/m)", "K_low_N_per_m": "K, 5 %", "K_high_N_per_m": "K, 95 %"},
+    **{"C_N_s_per_m": "C (N s/m)", "C_low_N_s_per_m": "C, 5 %", "C_high_N_s_per_m": "C, 95 %"},
 }
 # Over the mass.
 THESIS = "thesis's method"

@@ -14,7 +14,7 @@ from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.reports.figures.intervals import intervals
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.pages.page import part, render_page
-from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of
+from bayestissue.reports.pages.page_tables import Field, Table, over, shown, table_of
 from bayestissue.reports.pages.wording import (
     FIRST_PREDICTED,
     PREDICTED,
@@ -153,7 +153,7 @@ def _intervals(predictions: pd.DataFrame, name: str) -> Figure | None:
 def _table(predictions: pd.DataFrame) -> Table:
     def quantity(name: str) -> Field:
         word, unit, _ = PREDICTED[name]
-        return Field(f"{word}, {unit}", lambda row: _over(*predicted_words(row[1], name)), "number")
+        return Field(f"{word}, {unit}", lambda row: over(*predicted_words(row[1], name)), "number")
 
     return table_of(
         enumerate(predictions.to_dict("records"), start=1),
@@ -166,9 +166,4 @@ def _table(predictions: pd.DataFrame) -> Table:
 def _covariate_cell(row: Mapping[Any, Any]) -> Markup:
     """What was given, and under it what is new and what is to be known of it."""
     said = [f"new {row['new']}"] * bool(row["new"]) + [row["note"]] * bool(row["note"])
-    return _over(covariate_words(row), "; ".join(said))
-
-
-def _over(*words: str) -> Markup:
-    """Words, and others in grey under them; nothing of none."""
-    return Markup('{}<br><span class="muted">{}</span>').format(*words) if words else Markup()
+    return over(covariate_words(row), "; ".join(said))

@@ -9,10 +9,9 @@ from typing import Any
 
 import pandas as pd
 
-from bayestissue.base.outline import markdown_rows
 from bayestissue.base.results.tables import read_table
-from bayestissue.reports.pages.page import render_page
-from bayestissue.reports.pages.page_tables import Field, Table, shown, tag
+from bayestissue.reports.pages.page import part, render_page
+from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of_cells, tag
 from bayestissue.reports.pages.wording import names_in, nouns_of
 
 TABLES = ("calibration", "ranks", "sensitivity", "checklists")
@@ -59,11 +58,6 @@ def moved_by_priors(sensitivity: pd.DataFrame) -> Table:
     return shown("sensitivity", sensitivity[sensitivity["diagnosis"] != _CHECK])
 
 
-def items(checklists: pd.DataFrame, guideline: str) -> Table:
-    """One checklist."""
-    return shown("checklists", checklists[checklists["guideline"] == guideline])
-
-
 def as_markdown(
     record: Mapping[str, Any],
     checklists_as_lines: list[str],
@@ -71,24 +65,11 @@ def as_markdown(
     sensitivity: pd.DataFrame,
 ) -> str:
     """The file to attach to a paper: verdict, versions, calibration, what priors move, both checklists."""
-    verdict = record["verdict"]
     facts = {"fit of": record["dataset"], "fitted": record["run"]["started"], "certified": record["started"]}
-    facts |= record["versions"]
-    moved = moved_by_priors(sensitivity)
-    return "\n".join(
-        [
-            f"# Certificate of the fit of {record['dataset']}",
-            *("", verdict["words"], "", verdict["prior"], ""),
-            *markdown_rows(("", ""), facts.items()),
-            *("", "## Calibration about this study", ""),
-            *(
-                shown("calibration", calibration, _CALIBRATION).markdown()
-                if len(calibration)
-                else ["Not made."]
-            ),
-            *("", "## What the priors move", ""),
-            *(moved.markdown() if moved.rows else ["Nothing."]),
-            "",
-            *checklists_as_lines,
-        ]
-    )
+    tables = {
+        "facts": table_of_cells((facts | record["versions"]).items(), "", ""),
+        "calibration": shown("calibration", calibration, _CALIBRATION),
+        "moved": moved_by_priors(sensitivity),
+    }
+    lines = {name: "\n".join(table.markdown()) if table.rows else "" for name, table in tables.items()}
+    return str(part("words/certificate.jinja").attached(record, lines, "\n".join(checklists_as_lines)))

@@ -22,13 +22,12 @@ from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.reports.figures.intervals import intervals, with_error_of
 from bayestissue.reports.figures.theme import Figure
+from bayestissue.reports.pages import posterior
 from bayestissue.reports.pages.page import render_page
 from bayestissue.reports.pages.page_tables import Table, settings_table, table_of_cells
-from bayestissue.reports.pages.posterior import best_explanations
 from bayestissue.reports.pages.wording import (
     decimals,
     interval,
-    listed,
     nouns_of,
     probability,
     said,
@@ -130,11 +129,6 @@ def answers_figure(answers: pd.DataFrame) -> Figure | None:
     return intervals(rows.reset_index(drop=True), "ratio", words, lines=(1,))
 
 
-def same_element(runs: list[dict[str, Any]]) -> bool:
-    """Whether K and C are the same things in all runs: those of one mechanical element."""
-    return len({run["model"].get("element", SIDE_BY_SIDE) for run in runs}) == 1
-
-
 # Of `comparison.csv`.
 COMPARED = ("left_out", "run", "data", "elpd_with_se", "off_best", "effective", "stacking", "warning")
 TABLES = ("comparison", "posteriors")
@@ -164,12 +158,14 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     answers = tables.get("answers", table_of_rows("answers"))
     verdicts = {str(run["name"]): run.get("verdict") or {} for run in runs}
     # Beside a discrepancy K is the element's own, of which there are no rows.
-    one_element = same_element(runs) and set(posteriors.loc[posteriors["variable"] == "K_new", "run"]) == set(
+    elements = {run["model"].get("element", SIDE_BY_SIDE) for run in runs}
+    one_element = len(elements) == 1 and set(posteriors.loc[posteriors["variable"] == "K_new", "run"]) == set(
         names
     )
     return render_page(
         "comparison.html",
         page=sys.modules[__name__],
+        posterior=posterior,
         nouns=nouns_of(record, names),
         codes=codes_in(*comparison["warning"]),
         record=record,
@@ -186,43 +182,23 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     )
 
 
-def _comparable(comparison: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+def comparable(comparison: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     """The rows of each kind of data that several runs share."""
     groups = [(str(data), rows) for data, rows in comparison.groupby("data", sort=False)]
     return [(data, rows) for data, rows in groups if len(rows["model"].unique()) > 1]
 
 
-def best_of_each_data(comparison: pd.DataFrame) -> list[str]:
-    """Which run predicts best in each scheme, among those whose densities are of the same numbers."""
-    several = len(comparison["data"].unique()) > 1
-    return [
-        f"Densities of {data}: {sentence}" if several else sentence
-        for data, rows in _comparable(comparison)
-        for sentence in best_explanations(rows)
-    ]
-
-
-def unsure_words(comparison: pd.DataFrame) -> str:
-    """In which schemes importance sampling can't be relied on; empty if in none."""
-    high = comparison["warning"].str.contains("Pareto k")
-    schemes = list(comparison.loc[high, "scheme"].drop_duplicates())
-    return said("comparison.unsure", schemes=listed(schemes)) if schemes else ""
-
-
-def apart_words(comparison: pd.DataFrame) -> str:
-    """Which runs can't be set against each other by their densities; empty if all can."""
+def runs_by_data(comparison: pd.DataFrame) -> list[tuple[str, list[str]]]:
+    """Of which numbers the likelihoods are densities, and the names of the runs of each."""
     groups = comparison.groupby("data", sort=False)["model"].unique()
-    if len(groups) < 2:
-        return ""
-    kinds = [f"{listed([f'“{name}”' for name in names])} of {data}" for data, names in groups.items()]
-    return said("comparison.apart", kinds="; ".join(kinds))
+    return [(str(data), list(names)) for data, names in groups.items()]
 
 
 def accuracy_figures(comparison: pd.DataFrame) -> list[Figure]:
     """One plot for each scheme and each kind of data that several runs share."""
     return [
         comparison_figure(rows, scheme)
-        for _, rows in _comparable(comparison)
+        for _, rows in comparable(comparison)
         for scheme in rows["scheme"].drop_duplicates()
     ]
 
@@ -259,14 +235,10 @@ def _rows_by_run(rows: pd.DataFrame, runs: list[str], words: Callable[[float], s
     return [{"run": run, **present.get(run, absent)} for run in runs]
 
 
-def reference_masses(runs: list[dict[str, Any]]) -> str:
-    """At which mass new impacts and people are reported, by run where they differ."""
+def reference_masses(runs: list[dict[str, Any]]) -> dict[str, str]:
+    """At which mass new impacts and people are reported, by run; empty of one that has its own mean mass."""
     masses = {str(run["name"]): run["model"].get("reference_mass_kg") for run in runs}
-    known = {name: f"{float(mass):.3g} kg" for name, mass in masses.items() if mass is not None}
-    if len(set(known.values())) == 1 and len(known) == len(masses):
-        return said("comparison.one_mass", mass=next(iter(known.values())))
-    masses_words = listed([f"“{name}” at {known.get(name, 'its own mean mass')}" for name in masses])
-    return said("comparison.masses", masses=masses_words)
+    return {name: "" if mass is None else f"{float(mass):.3g} kg" for name, mass in masses.items()}
 
 
 def differing_settings(runs: list[dict[str, Any]]) -> Table:

@@ -98,19 +98,19 @@ def drawn(one: Figure, name: str = "", nouns: Words = PLAIN) -> Markup:
 
     Without a script its words stand alone.
     """
-    figure = figure_json(nouns.chart(one.specification()))
-    chart: Markup = part("figure.html").chart(_chart_id(figure), one.words, Markup(figure), name)  # noqa: S704 - without tags
+    chart: Markup = part("figure.html").chart(*_chart(one, nouns), one.words, name)
     return chart
 
 
-def _chart_id(figure: str) -> str:
-    return f"chart-{hashlib.sha256(figure.encode()).hexdigest()[:8]}"
+def _chart(one: Figure, nouns: Words) -> tuple[str, Markup]:
+    """What the page calls a figure, and how it holds it."""
+    figure = figure_json(nouns.chart(one.specification()))
+    return f"chart-{hashlib.sha256(figure.encode()).hexdigest()[:8]}", Markup(figure)  # noqa: S704 - no tags
 
 
 def again(one: Figure, nouns: Words = PLAIN) -> Markup:
     """A figure once more on the same page, which holds it once and draws it first."""
-    chart = _chart_id(figure_json(nouns.chart(one.specification())))
-    return Markup('<div class="again" data-of="{}"></div>').format(chart)
+    return Markup('<div class="again" data-of="{}"></div>').format(_chart(one, nouns)[0])
 
 
 def prose(text: str) -> Markup:

@@ -62,7 +62,7 @@ class Field:
     @property
     def column(self) -> Column:
         """Its heading, and how its cells are set."""
-        of_texts = {"words": "words"} | dict.fromkeys(_TEXTS, "text")
+        of_texts = dict.fromkeys(_TEXTS, "text") | {"words": "words"}
         of_form = "text" if callable(self.form) else of_texts.get(self.form, "number")
         return Column(self.title, self.kind or of_form)
 
@@ -194,11 +194,19 @@ def declared_fields(name: str, columns: Iterable[str], **values: str) -> list[Fi
     ]
 
 
-def frame_table(frame: pd.DataFrame, words: Callable[[Any], str]) -> Table:
-    """Every column of ``frame`` under its own name, each cell in ``words``, numbers to the right."""
+def frame_table(frame: pd.DataFrame, digits: int = 4) -> Table:
+    """Every column of ``frame`` under its own name, numbers to the right and with so many digits."""
     numbers = [str(name) for name in frame if pd.api.types.is_numeric_dtype(frame[name])]
-    rows = ([words(value) for value in row] for row in frame.itertuples(index=False, name=None))
+    rows = [
+        [cell if isinstance(cell, str) else f"{cell:.{digits}g}" for cell in row]
+        for row in frame.itertuples(index=False, name=None)
+    ]
     return table_of_cells(rows, *map(str, frame), number=numbers)
+
+
+def over(*words: str) -> Markup:
+    """Words, and others in grey under them; nothing of none."""
+    return Markup('{}<br><span class="muted">{}</span>').format(*words) if words else Markup()
 
 
 def tag(kind: str, words: str) -> Markup:
@@ -267,16 +275,6 @@ def distribution_words(prior: Any) -> str:
         return plain(prior)
     settings = [f"{name} {plain(value)}" for name, value in prior.items() if name != "distribution"]
     return ", ".join([str(prior["distribution"]), *settings])
-
-
-def formulas(model: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Pairs of left and right side, such as ``("log K", "log(mass_kg) + (1|subject)")``."""
-    return [(f"log {name}", str(right)) for name, right in dict(model.get("formula", {})).items()]
-
-
-def summary_table(summary: pd.DataFrame, variables: Collection[str]) -> Table:
-    """The rows of `summary.csv` for ``variables``, without the impacts' own."""
-    return shown("summary", summary[summary["variable"].isin(variables)])
 
 
 def diagnostics_table(diagnostics: Mapping[str, Any]) -> Table:

@@ -224,14 +224,9 @@ def gains_table(content: Mapping[str, Any]) -> Table:
         rows,
         Field("with", "words"),
         *declared_fields("designs", ("goal", "answered")),
-        Field("more by", gain, "number"),
+        Field("more by", "± .2", of=["gain", "gain_se"]),
         *declared_fields("designs", ("undecided_bits", "width")),
     )
-
-
-def gain(goal: Mapping[str, Any]) -> str:
-    """What is added to the assurance of a goal."""
-    return with_error(goal["gain"], goal["gain_se"])
 
 
 def power_table(content: Mapping[str, Any]) -> Table:

@@ -46,17 +46,7 @@ def spread(draws: np.ndarray) -> Spread:
 
 def typical(run: PosteriorRun, quantity: str) -> Spread:
     """K or C of a typical person at the reference mass, in N/m or N s/m."""
-    return spread(typical_draws(run, quantity))
-
-
-def typical_draws(run: PosteriorRun, quantity: str) -> np.ndarray:
-    """Draws of it, [draw]."""
-    return run.draws(f"{quantity}_typical_person")
-
-
-def new_person(run: PosteriorRun, quantity: str) -> Spread:
-    """K or C of a new impact on a new person at the reference mass, in N/m or N s/m."""
-    return spread(run.draws(f"{quantity}_new"))
+    return spread(run.draws(f"{quantity}_typical_person"))
 
 
 def exponent(run: PosteriorRun, quantity: str) -> Spread | None:
@@ -83,7 +73,7 @@ def mass_curve(run: PosteriorRun, quantity: str, masses: np.ndarray, reference: 
         quantity, drawn = OWN_DEPTH, run.draws(TOGETHER)
         reference = float(np.exp(np.log(masses).mean()))
     else:
-        drawn = typical_draws(run, quantity)
+        drawn = run.draws(f"{quantity}_typical_person")
     ratio, level = grid / reference, float(np.median(drawn))
     curve = pd.DataFrame({"mass_kg": grid, "exponent 0": level, "exponent 1": level * ratio})
     if not run.has(f"mass_exponent_{quantity}"):
@@ -108,7 +98,7 @@ def levels(run: PosteriorRun) -> list[Levels]:
 
     Beside a discrepancy K_secant of these impacts together stands in place of K, the element's own.
     """
-    rows = [Levels(q, UNITS[q], typical(run, q), new_person(run, q)) for q in QUANTITIES]
+    rows = [Levels(q, UNITS[q], typical(run, q), spread(run.draws(f"{q}_new"))) for q in QUANTITIES]
     if run.has(TOGETHER):
         together = spread(run.draws(TOGETHER))
         rows[0] = Levels(OWN_DEPTH, UNITS["K"], together, together, these=True)
@@ -130,7 +120,7 @@ def _sureness(run: PosteriorRun, quantity: str) -> dict[str, str]:
     return {
         "quantity": quantity,
         "typical": relative(typical(run, quantity).factor),
-        "new": relative(new_person(run, quantity).factor),
+        "new": relative(spread(run.draws(f"{quantity}_new")).factor),
         **{
             level: relative(np.expm1(np.median(run.draws(f"sd_{level}_{quantity}"))))
             for level in ("subject", "trial", "impact")
@@ -180,19 +170,6 @@ def differing(run: PosteriorRun, level: str, quantities: Iterable[str] = QUANTIT
     return {q: without_zero(run.draws(name), run.labels(level)) for q, name in names.items() if run.has(name)}
 
 
-def who_differs(run: PosteriorRun, level: str, quantities: Iterable[str] = QUANTITIES) -> str:
-    """The same in a sentence."""
-    parts = []
-    for quantity, labels in differing(run, level, quantities).items():
-        named = f": {listed(labels)}" if labels else ""
-        parts.append(f"in {quantity} {len(labels) or 'none'} of {len(run.labels(level))}{named}")
-    one, several = group_words(level)
-    if not parts:
-        return f"This model has no effects of {several}."
-    text = "; ".join(parts)
-    return f"Differ from the typical {one}, by a 90 % interval without zero: {text}."
-
-
 def best_explanations(comparison: pd.DataFrame) -> list[str]:
     """For each scheme: the model that predicts best, those about as good, and the warnings."""
     return [_best(str(scheme), rows) for scheme, rows in comparison.groupby("scheme", sort=False)]
@@ -221,7 +198,7 @@ def prior_remark(sensitivity: pd.DataFrame) -> str:
     return Coded.stated("prior-sensitive", count=len(sensitivity), named=listed(named))
 
 
-def exponent_figure(run: PosteriorRun, quantity: str) -> Figure:
+def exponent_figure(run: PosteriorRun, quantity: str = "K") -> Figure:
     """The posterior of a mass exponent, with the regions that count as 0 and as 1 in practice."""
     name = SECANTS.get(quantity, quantity)
     rows = run.hypotheses.loc[

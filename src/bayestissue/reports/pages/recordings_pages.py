@@ -23,6 +23,7 @@ from bayestissue.reports.figures.traces import CONTACT, PEAK, TURN, against, pan
 from bayestissue.reports.pages.page import render_page
 from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.page_tables import frame_table, table_of_cells
+from bayestissue.reports.pages.wording import names_in
 
 # Time [ms] and value of each curve and event, by kind.
 type Panel = dict[str, tuple[Any, Any]]
@@ -101,6 +102,9 @@ def quality_table(
     highest = [_upwards(dataset, row, offset) for row, offset in enumerate(signal.quiet.offset)]
     peak = np.array([values.max() for values in highest])
     unit = _UNITS[dataset.quantity]
+    of_force = {}
+    if force is not None:
+        of_force = {"force_ratio": force.ratio, "force_ratio_sd": force.ratio_sd, "force_lag_s": force.lag}
     impacts, said = dataset.impacts, Counter(problem.impact for problem in warnings)
     return pd.DataFrame(
         {
@@ -117,7 +121,7 @@ def quality_table(
             "time_to_peak_s": signal.time_to_peak,
             "peak_displacement_m": signal.stop.x,
             "samples_in_window": signal.n_samples,
-            **_force_columns(force),
+            **of_force,
             "warnings": impacts["impact"].map(said),
         }
     )
@@ -132,12 +136,6 @@ def _upwards(dataset: Dataset, row: int, offset: float = 0.0) -> np.ndarray:
         offset: what the recorder shows of no deceleration, to be taken off.
     """
     return dataset.traces[[row]].slowing(dataset.quantity).value - offset
-
-
-def _force_columns(force: Force | None) -> dict[str, np.ndarray]:
-    if force is None:
-        return {}
-    return {"force_ratio": force.ratio, "force_ratio_sd": force.ratio_sd, "force_lag_s": force.lag}
 
 
 def check_page(
@@ -157,7 +155,6 @@ def check_page(
     """
     order = quality.sort_values(["warnings", "noise_to_peak"], ascending=False, kind="stable").index
     shown = np.sort(order[:MOST_CHECK_PANELS].to_numpy())
-    names = dataset.impacts["impact"].astype(str)
     return render_page(
         "check.html",
         dataset=dataset,
@@ -174,22 +171,17 @@ def check_page(
             "Recording, velocity and displacement over time",
             domain=(-0.4, 1.15),
         ),
-        force=None if force is None else _force_figure(force, names.to_list(), shown),
-        impulse=force is not None and force.impulse,
-        force_words="" if force is None else f"{force.channel}. {_sentence(force)}",
-        phantoms=None if phantoms is None else _control_chart(phantoms),
-        phantom_table=None
-        if phantoms is None
-        else frame_table(phantoms.rename(columns={"label": "impact"}), _cell_words(4)),
+        force=force,
+        force_figure=force and _force_figure(force, list(dataset.impacts["impact"].astype(str)), shown),
+        phantoms=phantoms is not None and _control_chart(phantoms),
+        phantom_table=phantoms is not None and frame_table(phantoms.rename(columns={"label": "impact"})),
         problems=table_of_cells(
             [*_problems("left out", dataset.left_out), *_problems("warning", warnings)],
             *("severity", "impacts", "what"),
             words=("impacts", "what"),
         ),
         codes=[problem.code for problem in (*dataset.left_out, *warnings)],
-        quality=frame_table(
-            quality.loc[shown].rename(columns=lambda name: name.replace("_", " ")), _cell_words(4)
-        ),
+        quality=frame_table(quality.loc[shown].rename(columns=lambda name: name.replace("_", " "))),
     )
 
 
@@ -232,10 +224,6 @@ def _control_chart(phantoms: pd.DataFrame) -> Figure:
     )
 
 
-def _sentence(force: Force) -> str:
-    return f"{force.words[0].upper()}{force.words[1:]}." if force.impulse else f"It is {force.words}."
-
-
 def _force_figure(force: Force, names: Sequence[str], rows: np.ndarray) -> Figure:
     """F against M a of these impacts, or their impulses."""
     samples_inside = [(row, np.flatnonzero(force.inside[row])) for row in rows]
@@ -269,10 +257,6 @@ def _problems(severity: str, problems: Sequence[Problem]) -> list[tuple[str, str
         impacts = list(dict.fromkeys(problem.impact for problem in group if problem.impact))
         rows.append((severity, first_of(impacts, 12), str(replace(group[0], impact=None))))
     return rows
-
-
-def _cell_words(digits: int) -> Callable[[Any], str]:
-    return lambda cell: cell if isinstance(cell, str) else f"{cell:.{digits}g}"
 
 
 MOST_INIT_PANELS = 120
@@ -315,14 +299,12 @@ def init_page(
             "displacement (mm)" if dataset.quantity == "displacement" else "deceleration (m/s²)",
             "Recording with contact and peak",
         ),
-        impacts=frame_table(dataset.impacts.dropna(axis="columns", how="all"), _cell_words(6)),
+        impacts=frame_table(dataset.impacts.dropna(axis="columns", how="all"), digits=6),
     )
 
 
 def _nouns(dataset: Dataset) -> Words:
-    names = dataset.impacts.select_dtypes(exclude="number")
-    labels = {str(value) for name in names for value in names[name].unique()}
-    return Words(dataset.words, {dataset.name, dataset.description, *labels})
+    return Words(dataset.words, {dataset.name, dataset.description, *names_in(dataset.impacts, ())})
 
 
 def _init_panel(index: int, *, dataset: Dataset, signal: Displacements) -> Panel:

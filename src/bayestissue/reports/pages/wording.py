@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from typing import Any
+from typing import Any, Self
 
 import pandas as pd
 
@@ -34,9 +34,9 @@ def nouns_of(record: Mapping[str, Any], unchanged: Iterable[str] = ()) -> Words:
     return Words(record.get("words", {}), {str(record.get("dataset", "")), *map(str, unchanged)})
 
 
-def names_in(table: pd.DataFrame) -> set[str]:
-    """The user's own texts in a table of answers or predictions: questions, names and levels."""
-    texts = table.select_dtypes(["object", "string", "category"]).drop(columns="note", errors="ignore")
+def names_in(table: pd.DataFrame, notes: Sequence[str] = ("note",)) -> set[str]:
+    """The user's own texts in a table, such as questions, names and levels; ``notes`` are the program's."""
+    texts = table.select_dtypes(["object", "string", "category"]).drop(columns=list(notes), errors="ignore")
     return {str(text) for name in texts for text in texts[name].unique()}
 
 
@@ -113,6 +113,11 @@ class Spread:
     median: float
     low: float
     high: float
+
+    @classmethod
+    def of(cls, row: Mapping[Any, Any], middle: str = "median", factor: float = 1.0) -> Self:
+        """That of a row with ``low`` and ``high``, times ``factor``."""
+        return cls(*(factor * float(row[name]) for name in (middle, "low", "high")))
 
     @property
     def decimals(self) -> int:

@@ -188,7 +188,7 @@ _REPEATABILITY = {
 def _cells(part: pd.DataFrame, value: str) -> list[str]:
     """A cell for K and for C of rows with ``value``, ``low`` and ``high``; empty where there is none."""
     by = part.set_index("quantity")
-    return [_cell(Spread(*by.loc[q, [value, "low", "high"]]) if q in by.index else None) for q in QUANTITIES]
+    return [_cell(Spread.of(by.loc[q], value) if q in by.index else None) for q in QUANTITIES]
 
 
 def _cell(spread: Spread | None) -> str:

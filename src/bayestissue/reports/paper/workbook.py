@@ -83,18 +83,14 @@ def people_wide(study: Study) -> tuple[pd.DataFrame, dict[str, str]]:
         meanings[name] = f"{name} of the person"
     cells = rows[within].astype(str).agg(" ".join, axis=1) if within else pd.Series("all", index=rows.index)
     for q, quantity in symbols(posterior).items():
-        draws = posterior[quantity].transpose("impact", ...).to_numpy()
-        draws = np.log(draws).reshape(len(rows), -1)
+        logs = np.log(posterior[quantity].transpose("impact", ...).to_numpy()).reshape(len(rows), -1)
+        means = pd.DataFrame(logs).groupby([cells.to_numpy(), subject.to_numpy()]).mean()
+        medians = np.exp(means).median(axis=1)
         for cell in dict.fromkeys(cells):
-            of_people = [
-                draws[(subject == person).to_numpy() & (cells == cell).to_numpy()] for person in people
-            ]
-            medians = [np.median(np.exp(logs.mean(axis=0))) if len(logs) else np.nan for logs in of_people]
             name = _name(f"{quantity}_{cell}", columns)
-            columns[name] = medians
-            meanings[name] = (
-                f"{quantity}, {UNITS[q]}: {', '.join(within)} {cell}" if within else f"{quantity}, {UNITS[q]}"
-            )
+            columns[name] = medians.loc[cell].reindex(people).to_numpy()
+            where = f": {', '.join(within)} {cell}" if within else ""
+            meanings[name] = f"{quantity}, {UNITS[q]}{where}"
     for words, column, meaning in _outcomes(study, people, within):
         name = _name(words, columns)
         columns[name], meanings[name] = column, meaning

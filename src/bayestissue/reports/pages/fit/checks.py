@@ -271,8 +271,3 @@ def coverage_table(run: FitRun) -> Table | None:
         coverage = pd.read_csv(stream)
     measured = coverage[coverage["likelihood"] == run.likelihood]
     return None if measured.empty else table_of(measured, *COVERAGE)
-
-
-def excluded_table(run: FitRun) -> Table:
-    """The impacts that were left out of the fit, and why."""
-    return table_of(run.record["left_out"], Field("impact and reason", str, "words"))

@@ -32,13 +32,6 @@ def carried(run: FitRun) -> np.ndarray:
     return evenly_spaced(count, count if size <= MOST_VALUES else max(int(count * MOST_VALUES / size), 1))
 
 
-def carried_words(run: FitRun) -> str:
-    """Of which impacts the page has recordings; empty where of all."""
-    shown, total = len(carried(run)), len(run.impacts)
-    words = f"Recordings of {shown} of {total} impacts, evenly spaced, are in this page."
-    return "" if shown == total else words
-
-
 def packed_impacts(run: FitRun, table: pd.DataFrame) -> str:
     """The impacts' ``table`` and their recordings, `packed` for the script of the page.
 

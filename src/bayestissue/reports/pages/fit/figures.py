@@ -34,7 +34,6 @@ from bayestissue.reports.pages.posterior import (
     exponent_figure,
     group_words,
     mass_curve,
-    typical_draws,
 )
 from bayestissue.reports.pages.wording import said
 
@@ -68,7 +67,7 @@ def who(run: FitRun, quantity: str = "K") -> Figure:
     Of one impact its own.
     """
     level, typical = answers.level_of(run, quantity), answers.person_words(run)["typical"]
-    drawn = run.draws(TOGETHER) if level.these else typical_draws(run, quantity)
+    drawn = run.draws(TOGETHER) if level.these else run.draws(f"{quantity}_typical_person")
     by_level = bool(answers.of_each_level(run, quantity))
     parts = [] if by_level else [quantiles(drawn[:, None], ["these impacts" if level.these else typical])]
     for dimension, variable in answers.compared(run, quantity):
@@ -238,11 +237,6 @@ def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
     )
 
 
-def exponent(run: FitRun, quantity: str = "K") -> Figure:
-    """The posterior of a mass exponent, with the regions that count as 0 and as 1 in practice."""
-    return exponent_figure(run, quantity)
-
-
 def slope(run: FitRun, chosen: OwnSlope) -> Figure:
     """Each level's own coefficient, the greatest first."""
     one = group_words(chosen.grouping)[0]
@@ -359,7 +353,7 @@ class Plots:
     paired = _bound(paired)
     repeatability = _bound(repeatability)
     mass = _bound(mass)
-    exponent = _bound(exponent)
+    exponent = _bound(exponent_figure)
     spreads = _bound(spreads)
     recording = _bound(recording)
     loops = _bound(level_outcomes.loops)

@@ -12,7 +12,7 @@ from bayestissue.model.hierarchy.columns import untried_words
 from bayestissue.model.hierarchy.formulas.formula import left_out_words
 from bayestissue.reports.figures.impacts import factors
 from bayestissue.reports.pages import posterior
-from bayestissue.reports.pages.fit import answers, figures, trace_predictions
+from bayestissue.reports.pages.fit import answers, trace_predictions
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.words import modules, sentence, sentences
 from bayestissue.reports.pages.page import render_page
@@ -53,7 +53,7 @@ def page_of(run: FitRun, **served: Any) -> str:
         factors=factors(run.impacts_table),
         residuals=trace_predictions.residuals(run),
         exponent_plots=[
-            figures.exponent(run, quantity)
+            posterior.exponent_figure(run, quantity)
             for quantity in dict.fromkeys((*answers.answering(run).values(), posterior.OWN_DEPTH))
             if run.has(f"mass_exponent_{quantity}")
         ],

@@ -22,6 +22,7 @@ from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.reports.figures.impacts import end
 from bayestissue.reports.pages.run_folder import POSTERIOR_TABLES, PosteriorRun, of_table
+from bayestissue.reports.pages.wording import names_in, nouns_of
 
 if TYPE_CHECKING:
     from bayestissue.inference.chain.results import ChainEnd
@@ -178,11 +179,8 @@ class FitRun(PosteriorRun):
     @cached_property
     def nouns(self) -> Words:
         """What the dataset calls people, conditions and impacts; its own names stay as they are."""
-        record, table = self.record, self.impacts_table.select_dtypes(exclude="number")
-        names = {str(value) for name in table for value in table[name].unique()}
-        model = record.get("model", {}).get("name", "")
-        labels = {str(record.get("dataset", "")), str(record.get("description", "")), f"“{model}”", *names}
-        return Words(record.get("words", {}), labels)
+        model, about = self.record.get("model", {}).get("name", ""), self.record.get("description", "")
+        return nouns_of(self.record, {about, f"“{model}”", *names_in(self.impacts_table, ())})
 
     @cached_property
     def impacts_table(self) -> pd.DataFrame:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.posterior import spread, without_zero
-from bayestissue.reports.pages.wording import listed
+from bayestissue.reports.pages.posterior import without_zero
 
 _FIRST = ("subject", "trial")
 
@@ -55,11 +53,6 @@ def ranked(run: FitRun) -> dict[str, list[str]]:
     return levels
 
 
-def in_words(run: FitRun, quantities: Sequence[str]) -> str:
-    """Quantities of the tissue, listed."""
-    return listed([run.symbols.get(q, q) for q in quantities])
-
-
 def groupings(run: FitRun) -> list[str]:
     """The dimensions whose levels have effects: people and conditions, then the others."""
     of_effects = [
@@ -91,8 +84,3 @@ def apart(run: FitRun, slope: OwnSlope) -> list[str]:
     slopes = run.draws(slope.name)
     deviations = slopes - run.draws(slope.shared)[:, None] if run.has(slope.shared) else slopes
     return without_zero(deviations, run.labels(slope.grouping))
-
-
-def scatter(run: FitRun, slope: OwnSlope) -> str:
-    """The standard deviation of the levels' coefficients, in words."""
-    return spread(run.draws(f"sd_{slope.name}")).words

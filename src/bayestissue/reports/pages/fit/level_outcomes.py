@@ -22,7 +22,7 @@ from bayestissue.reports.pages.fit.method_agreement import evenly_spaced
 from bayestissue.reports.pages.fit.study_answers import FIRST_OUTCOME as FIRST
 from bayestissue.reports.pages.fit.study_answers import impact_words, leading_levels
 from bayestissue.reports.pages.page_settings import LIMITS
-from bayestissue.reports.pages.page_tables import Field, table_of
+from bayestissue.reports.pages.page_tables import Field, over, table_of
 from bayestissue.reports.pages.posterior import QUANTITIES
 from bayestissue.reports.pages.wording import Spread, likelihood_words, probability, said
 
@@ -57,8 +57,8 @@ def _compared(run: FitRun, factor: str) -> dict[str, Any]:
 
 def _cell(by: dict[tuple[str, str], dict[Any, Any]], quantity: str, level: str) -> Markup:
     """A median over its interval."""
-    shown = _spread(by[quantity, level])
-    return Markup('{}<br><span class="muted">{}</span>').format(shown.value, shown.range)
+    shown = Spread.of(by[quantity, level])
+    return over(shown.value, shown.range)
 
 
 def _best(factor: str, outcome: pd.DataFrame) -> dict[str, str]:
@@ -73,7 +73,7 @@ def _best(factor: str, outcome: pd.DataFrame) -> dict[str, str]:
         "level": first["level"],
         "likely": likely,
         "probability": probability(first["p_lowest"]),
-        "value": f"{_spread(first).value} {first['unit']}, {_spread(first).range}",
+        "value": f"{Spread.of(first).value} {first['unit']}, {Spread.of(first).range}",
         "impact": impact_words(*motion),
         "more": _more(first, others),
         "question": f"best({factor}, lowest peak_depth[{stated}])",
@@ -98,31 +98,20 @@ def quantity_title(quantity: str) -> str:
     return name if unit == "1" else f"{name} ({unit})"
 
 
-def _spread(row: dict[Any, Any], factor: float = 1.0) -> Spread:
-    return Spread(*(factor * float(row[name]) for name in ("median", "low", "high")))
-
-
-def _rank(row: dict[Any, Any]) -> str:
-    return " to ".join(dict.fromkeys(f"{row[name]:.0f}" for name in ("rank_low", "rank_high")))
+_RANKS = ["rank_low", "rank_high"]
 
 
 def ranks(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
     """A quantity on each level of a factor, the lowest first, with its rank."""
     rows = run.levels[(run.levels["factor"] == factor) & (run.levels["quantity"] == quantity)]
     title, _, scale = scaled(quantity)
-    by_level = [(row, _spread(row, scale)) for row in rows.sort_values("median").to_dict("records")]
+    rows = rows.sort_values("median", ignore_index=True)
+    ranks = [" to ".join(dict.fromkeys(map("{:.0f}".format, ends))) for ends in rows[_RANKS].to_numpy()]
     table = pd.DataFrame(
-        [
-            {
-                "label": f"{row['level']}, rank {_rank(row)}",
-                "median": shown.median,
-                "eti90_low": shown.low,
-                "eti90_high": shown.high,
-                "rank": _rank(row),
-            }
-            for row, shown in by_level
-        ]
+        {"label": [f"{level}, rank {rank}" for level, rank in zip(rows["level"], ranks, strict=True)]}
     )
+    table[["median", "eti90_low", "eti90_high"]] = scale * rows[["median", "low", "high"]].to_numpy(float)
+    table["rank"] = ranks
     words = said("figures.ranks", name=title, factor=factor)
     return intervals(table, quantity_title(quantity), words, straight=True)
 
@@ -140,16 +129,11 @@ def loops(run: FitRun, factor: str = "") -> Figure:
     rows = run.loops[run.loops["factor"] == factor]
     motions = rows[["mass_kg", "velocity_m_s"]].drop_duplicates()
     titles = {pair: _motion(run, *pair) for pair in motions.itertuples(index=False, name=None)}
-    pairs = list(zip(rows["mass_kg"], rows["velocity_m_s"], strict=True))
-    table = pd.DataFrame(
-        {
-            "panel": [titles[pair] for pair in pairs],
-            "level": rows["level"].replace("", person_words(run)["typical"]).to_numpy(),
-            "branch": rows["branch"].to_numpy(),
-            "depth_mm": 1e3 * rows["depth_m"].to_numpy(),
-            "force_N": rows["force_N"].to_numpy(),
-        }
-    )
+    table = rows.assign(
+        panel=[titles[pair] for pair in zip(rows["mass_kg"], rows["velocity_m_s"], strict=True)],
+        level=rows["level"].replace("", person_words(run)["typical"]),
+        depth_mm=1e3 * rows["depth_m"],
+    )[["panel", "level", "branch", "depth_mm", "force_N"]].reset_index(drop=True)
     words = said("figures.loops", of=f"each {factor}" if factor else f"a {person_words(run)['typical']}")
     levels = list(dict.fromkeys(table["level"]))
     return drawn.loops(table, _recorded(run, factor, titles), list(titles.values()), levels, words)
@@ -199,20 +183,15 @@ def curves(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
     panels = [f"{mass:.3g} kg" for mass in masses]
     impacts = _measured(run, factor, quantity)
     nearest = np.abs(np.log(impacts["mass_kg"].to_numpy()[:, None] / masses)).argmin(axis=1)
-    table = pd.DataFrame(
-        {
-            "panel": [f"{mass:.3g} kg" for mass in rows["mass_kg"]],
-            "level": rows["level"].to_numpy(),
-            column: rows[column].to_numpy(float),
-            **{end: scale * rows[end].to_numpy() for end in ("median", "low", "high")},
-            "beyond": rows["beyond"].to_numpy(),
-        }
-    )
+    ends = ["median", "low", "high"]
+    table = rows.assign(panel=[f"{mass:.3g} kg" for mass in rows["mass_kg"]]).reset_index(drop=True)
+    table = table[["panel", "level", column, *ends, "beyond"]].astype({column: float})
     points = impacts.assign(
         panel=[panels[at] for at in nearest],
         drop_height_cm=fall_height(impacts["velocity_m_s"].to_numpy()),
-        **{end: scale * impacts[end] for end in ("median", "low", "high")},
-    )[["panel", "level", "impact", column, "median", "low", "high"]]
+    )[["panel", "level", "impact", column, *ends]]
+    for shown in (table, points):
+        shown[ends] *= scale
     levels = list(dict.fromkeys(table["level"]))
     words = said("figures.curves", name=title, over=x["title"], factor=factor)
     return drawn.over_velocity(table, points, x, quantity_title(quantity), panels, levels, words)

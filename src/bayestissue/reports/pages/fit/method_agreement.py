@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -49,11 +46,6 @@ COVERAGE = (
     Field("hold the truth", lambda row: f"{row['held']} of {row['impacts']}", "number"),
     Field("share", lambda row: percent(row["held"] / row["impacts"]), "number"),
 )
-
-
-def held_table(run: FitRun) -> Table:
-    """How many intervals hold the truth, of K and of C."""
-    return table_of(held_by_intervals(run), *COVERAGE)
 
 
 def dds_ratio(run: FitRun, quantity: str) -> float:
@@ -105,36 +97,26 @@ def no_interval(run: FitRun) -> list[bool]:
     return [run.undescribed or name in alone for name in run.impacts]
 
 
+_ENDS = ["median", "eti90_low", "eti90_high"]
+
+
 def estimates_table(run: FitRun) -> Table:
     """Posterior beside the point estimates and, where known, the truth, of the first 300 impacts."""
-    fields = [
-        *map(Field, ("impact", "person", "condition")),
-        Field("M (kg)", "{:.3f}", of=["mass_kg"]),
-    ]
-    table = run.impacts_table[["impact", "person", "condition", "mass_kg"]].assign(none=no_interval(run))
+    fields = [*map(Field, ("impact", "person", "condition")), Field("M (kg)", "{:.3f}", of=["mass_kg"])]
+    table = run.impacts_table[["impact", "person", "condition", "mass_kg"]]
     for q, values in run.estimates_by_method.items():
-        symbol = run.symbols[q]
-        table = table.join(values.add_prefix(f"{q} ").reset_index(drop=True))
+        symbol, values = run.symbols[q], values.reset_index(drop=True)
+        ranges = values[_ENDS].mask(pd.Series(no_interval(run)))
+        table = table.join(values.add_prefix(f"{q} ")).join(ranges.add_prefix(f"{q} range "))
         points = {f"{q} dds": f"{q} dds"}
         points |= {} if run.truth.empty else {f"true {symbol}": f"{q} truth"}
+        of_range = [f"{q} range {end}" for end in _ENDS]
         fields += [
-            Field(f"{symbol} ({UNITS[q]})", partial(_value, q), "number"),
-            Field(f"{symbol}, 90 %", partial(_range, q), "number"),
+            Field(f"{symbol} ({UNITS[q]})", "spread", of=[f"{q} {end}" for end in _ENDS]),
+            Field(f"{symbol}, 90 %", "range", of=of_range, missing="not an interval"),
             *(Field(title, "4", of=[column], missing="not known") for title, column in points.items()),
         ]
     return table_of(table[: LIMITS.rows], *fields)
-
-
-def _spread(quantity: str, row: Mapping[str, Any]) -> Spread:
-    return Spread(*(row[f"{quantity} {name}"] for name in ("median", "eti90_low", "eti90_high")))
-
-
-def _value(quantity: str, row: Mapping[str, Any]) -> str:
-    return _spread(quantity, row).value
-
-
-def _range(quantity: str, row: Mapping[str, Any]) -> str:
-    return "not an interval" if row["none"] else _spread(quantity, row).range
 
 
 def method_values(run: FitRun, quantity: str) -> pd.DataFrame:

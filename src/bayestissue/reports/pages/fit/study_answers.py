@@ -65,7 +65,7 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
             continue
         parts = _parted(str(factor), str(level), str(against)) if kind == INTERACTION else None
         in_outcomes = [
-            (outcome_name(row["quantity"]), _spread(row, "ratio"))
+            (outcome_name(row["quantity"]), Spread.of(row, "ratio"))
             for row in _of_outcomes(part).to_dict("records")
         ]
         contrasts.append(
@@ -74,7 +74,7 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
                 "kind": kind,
                 "rows": {row["quantity"]: row for row in shown},
                 "factor": str(factor),
-                "ratios": [(row["quantity"], _spread(row, "ratio")) for row in shown],
+                "ratios": [(row["quantity"], Spread.of(row, "ratio")) for row in shown],
                 "outcomes": in_outcomes,
                 "first_outcome": in_outcomes[:1],
                 "words": sentence("contrast", shown, percent(equivalence(run)), parts, ALSO),
@@ -124,7 +124,7 @@ def outcomes_table(run: FitRun) -> Table:
     rows = _of_outcomes(run.contrasts)
     if rows.empty:
         return Table()
-    by = rows.assign(words=[_spread(row, "ratio").words for row in rows.to_dict("records")])
+    by = rows.assign(words=[Spread.of(row, "ratio").words for row in rows.to_dict("records")])
     names = ["factor", "level", "against", "note"]
     wide = by.pivot_table("words", names, "quantity", aggfunc="first", sort=False).reset_index()
     return table_of(
@@ -160,10 +160,10 @@ def repeatability(run: FitRun) -> list[tuple[str, list[Spread], Spread | None]]:
     cells, answers = _by_place(run.reliability), []
     for q in QUANTITIES:
         changes = [
-            _spread(row) for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)
+            Spread.of(row) for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)
         ]
         icc = cells.get((q, ICC, "ICC(A,1)", "1"))
-        answers.append((q, changes[:1], _spread(icc) if icc else None))
+        answers.append((q, changes[:1], Spread.of(icc) if icc else None))
     return answers
 
 
@@ -193,7 +193,7 @@ def _by_place(table: pd.DataFrame) -> dict[tuple[str, str, str, str], dict[Any, 
 def _cells(row: dict[Any, Any] | None) -> tuple[str, str]:
     if row is None:
         return "", ""
-    coefficient = _spread(row)
+    coefficient = Spread.of(row)
     if row["measure"] == REPEATS:
         return _whole(coefficient.median), f"{_whole(coefficient.low)} to {_whole(coefficient.high)}"
     if coefficient.low == coefficient.high:
@@ -240,7 +240,7 @@ def measurement_errors(run: FitRun) -> list[tuple[str, list[float], list[str], l
         chain, person = (cells[q, SEM, form, _PERCENT]["median"] for form in ("measuring chain", "person"))
         forms = [(ICC, "ICC(C,1)"), (ICC, "ICC(A,1)"), (REPEATS, "ICC(A,k) of 0.9")]
         has_icc = (q, *forms[1], "1") in cells
-        icc = [[_spread(cells[q, measure, form, "1"]) for measure, form in forms]] if has_icc else []
+        icc = [[Spread.of(cells[q, measure, form, "1"]) for measure, form in forms]] if has_icc else []
         errors.append((q, [chain, person], _changes(cells, q), icc))
     return errors
 
@@ -250,7 +250,7 @@ def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> 
     changes: dict[str, str] = {}
     for (quantity, measure, form, unit), row in cells.items():
         if (quantity, measure, unit) == (q, MDC, _PERCENT):
-            change, varied = _spread(row), row["varies"].split(", ") if row["varies"] else []
+            change, varied = Spread.of(row), row["varies"].split(", ") if row["varies"] else []
             where = f"where {listed(varied)} may differ" if varied else "all else the same"
             _, between, means = form.partition(", ")
             words = f"{change.value}\N{NO-BREAK SPACE}% ({change.range})"
@@ -265,7 +265,3 @@ def another_day(run: FitRun) -> str:
     ):
         return ""
     return Coded.stated("one-session")
-
-
-def _spread(row: dict[Any, Any], middle: str = "median") -> Spread:
-    return Spread(*(float(row[name]) for name in (middle, "low", "high")))

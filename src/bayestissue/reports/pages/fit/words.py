@@ -6,24 +6,20 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
+from bayestissue.reports.pages import answers_page, posterior
 from bayestissue.reports.pages.page import written
 
-_ASKED = (
-    *("answers_page", "posterior", "fit.answers", "fit.checks", "fit.explorer", "fit.figures", "fit.groups"),
-    *(
-        "fit.level_outcomes",
-        "fit.method_agreement",
-        "fit.study_answers",
-        "fit.trace_predictions",
-        "fit.usual",
-    ),
+_MODULES = (
+    *("answers", "checks", "explorer", "figures", "groups", "level_outcomes"),
+    *("method_agreement", "study_answers", "trace_predictions", "usual"),
 )
 
 
 @cache
 def modules() -> dict[str, Any]:
     """What templates ask for numbers, tables and figures, by the modules' names."""
-    return {name.rpartition(".")[2]: import_module(f"bayestissue.reports.pages.{name}") for name in _ASKED}
+    of_fits = {name: import_module(f"{__package__}.{name}") for name in _MODULES}
+    return {**of_fits, "answers_page": answers_page, "posterior": posterior}
 
 
 def sentences(macro: str, *values: Any) -> list[str]:
