@@ -49,11 +49,13 @@ def test_all_that_is_wrong_is_named_at_once(contrasts, tmp_path):
 
 
 def test_what_is_shown_is_made_of_columns_of_the_file():
-    for name, file in ((name, file) for name, file in declared_files().items() if file.looks):
-        used = {column for look in file.looks.values() for column in look["of"]}
-        assert used <= set(file.columns), name
-        fields = declared_fields(name.removesuffix(".csv"), file.looks, near="10 %")
-        assert [field.optional for field in fields] == [look["optional"] for look in file.looks.values()]
+    views = [(name, file, *view) for name, file in declared_files().items() for view in file.looks.items()]
+    for name, file, view, looks in (one for one in views if one[3]):
+        assert {column for look in looks.values() for column in look["of"]} <= set(file.columns), name
+        fields = declared_fields(name.removesuffix(".csv"), looks, view, near="10 %")
+        assert [field.optional for field in fields] == [
+            look.get("optional", False) for look in looks.values()
+        ]
     assert declared_files()["levels.csv"].columns["level"].kind == "text"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -205,18 +204,12 @@ def _of_comparison(compared: Comparison) -> Iterator[Shown]:
     """The two tables, see `bayestissue.studies.comparing`, and answers to what was asked."""
     from bayestissue.commands.console import SCREEN, Grid
     from bayestissue.inference.model_comparison import OF_OUTCOMES
-    from bayestissue.reports.pages.page_tables import Field, table_of
+    from bayestissue.reports.pages.page_tables import shown
 
     comparison, posteriors = compared.comparison, compared.posteriors
-    data = [Field("data")] if len(comparison["data"].unique()) > 1 else []
-    numbers = (
-        Field("elpd", "{:.1f}"),
-        Field("off the best", "{:.1f}", of=["elpd_difference"]),
-        Field("its se", "{:.1f}", of=["se_difference"]),
-        Field("weight", "{:.2f}"),
-    )
+    same = ["data"] if len(comparison["data"].unique()) == 1 else []
     for scheme, rows in comparison.groupby("scheme", sort=False):
-        yield Grid(str(scheme), table_of(rows, Field("run", of=["model"]), *data, *numbers))
+        yield Grid(str(scheme), shown("comparison", rows.drop(columns=same), "runs"))
         for row in rows[rows["warning"] != ""].to_dict("records"):
             yield f"  {row['model']}: {row['warning']}"
     yield more(codes_in(*comparison["warning"]))
@@ -254,41 +247,17 @@ def compare(
 def of_answers(answers: pd.DataFrame, nouns: Words) -> Iterator[Shown]:
     """Claims and numbers, each as a table, and under them what is to be said of single ones."""
     from bayestissue.commands.console import Grid
-    from bayestissue.reports.pages.page_tables import Field, table_of
-    from bayestissue.reports.pages.wording import estimated
+    from bayestissue.reports.pages.page_tables import shown
 
-    def of_interval(place: int, row: Mapping[Any, Any]) -> str:
-        text = estimated(row["median"], row["low"], row["high"])[place]
-        return "" if text == "nan" else text
-
-    titles = ("median", "from", "to")
-    of_number = [Field(title, partial(of_interval, at), "number") for at, title in enumerate(titles)]
-    of_claim = (
-        Field("posterior", "{:.3f}"),
-        Field("prior", "{:.3f}"),
-        Field("Bayes factor", "{:.3g}", of=["bayes_factor"]),
-        Field("Monte Carlo error", "{:.2g}", of=["mcse"]),
-    )
-    of_choice = (
-        Field("is best", "{:.3f}", of=["posterior"]),
-        Field("best rank", "{:g}", of=["rank_low"]),
-        Field("worst rank", "{:g}", of=["rank_high"]),
-        Field("expected loss", "{:.3g}", of=["expected_loss"]),
-    )
-    mcse = Field("Monte Carlo error", "{:.2g}", of=["mcse"], missing="nan")
     chosen = answers["level"] != ""
     numbers = ~chosen & answers["median"].notna()
     claims = ~chosen & ~numbers
     if claims.any():
-        table = table_of(answers[claims], Field("claim", of=["question"]), *of_claim)
-        yield Grid("probability of each claim", table)
+        yield Grid("probability of each claim", shown("questions", answers[claims], "claims"))
     if numbers.any():
-        table = table_of(
-            answers[numbers], Field("quantity", of=["question"]), *of_number, Field("unit"), mcse
-        )
-        yield Grid("median and 90 % interval", table)
+        yield Grid("median and 90 % interval", shown("questions", answers[numbers], "numbers"))
     for question, levels in answers[chosen].groupby("question", sort=False):
-        yield Grid(str(question), table_of(levels, Field("level"), *of_number, *of_choice, Field("unit")))
+        yield Grid(str(question), shown("questions", levels, "choices"))
     for question, of_question in answers.groupby("question", sort=False):
         for who, note in _notes(of_question):
             yield f"  {', '.join([str(question), *who])}: {nouns(note)}"

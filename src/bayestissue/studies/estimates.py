@@ -43,16 +43,6 @@ from bayestissue.studies.simulation.simulation_file import (
 if TYPE_CHECKING:
     from bayestissue.recordings.dataset import Dataset
 
-# What is shown of `estimates.csv`: of points, and of the posteriors of the method "impact".
-_POINTS = (
-    *("impact", "subject", "trial", "mass_kg", "velocity_m_s", "omega_n_rad_s", "zeta"),
-    *("K_N_per_m", "C_N_s_per_m", "flags"),
-)
-_POSTERIORS = (
-    *("impact", "subject", "trial", "mass_kg", "velocity_m_s", "zeta"),
-    *("K_N_per_m", "K_low_N_per_m", "K_high_N_per_m", "C_N_s_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m"),
-    *("peak_force_N", "peak_depth_m", "flags"),
-)
 # Tables that a run may hold beside its estimates, with their heading and what to look for.
 _FURTHER: dict[str, list[str]] = SENTENCES["beside_estimates"]
 _SETTINGS = ("options", "method", "signal", "model")
@@ -261,7 +251,7 @@ def estimates_table(table: pd.DataFrame) -> Table:
     return shown(
         "estimates",
         table.loc[order],
-        _POSTERIORS if by_posterior(table) else _POINTS,
+        "posteriors" if by_posterior(table) else "points",
         mark=lambda row: "disagrees" if row["flags"] else "",
     )
 

@@ -37,13 +37,14 @@ class DeclaredColumn(NamedTuple):
 class ResultFile(NamedTuple):
     """A file of a result folder: the commands that write it, what it (or a row) is, columns, and looks.
 
-    How a column of a shown table looks is a `bayestissue.reports.pages.page_tables.Field`, but its ``kind``.
+    How a table looks stands by the name of the view: of each column a
+    `bayestissue.reports.pages.page_tables.Field` without its ``kind``.
     """
 
     by: tuple[str, ...]
     holds: str
     columns: dict[str, DeclaredColumn]
-    looks: dict[str, dict[str, Any]]
+    looks: dict[str, dict[str, dict[str, Any]]]
 
 
 @cache
@@ -66,17 +67,12 @@ def _file(name: str, content: dict[str, Any]) -> ResultFile:
         )
         for column in entry.get("columns", "").split()
     }
-    not_known, optional = (entry.get(key, "").split() for key in ("not_known", "optional"))
-    looks = {
-        column: {
-            "title": column,
-            "of": [column],
-            "missing": "not known" if column in not_known else "",
-            "optional": column in optional,
-        }
-        | look
-        for column, look in entry.get("shown", {}).items()
-    }
+    looks = {}
+    for view in ("shown", *entry.get("views", "").split()):
+        stated = entry.get(view, {})
+        if isinstance(stated, str):
+            stated = {column: entry["shown"][column] for column in stated.split()}
+        looks[view] = {column: {"title": column, "of": [column]} | look for column, look in stated.items()}
     return ResultFile(tuple(entry["by"]), entry["holds"], columns, looks)
 
 

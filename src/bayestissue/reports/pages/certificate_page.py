@@ -16,8 +16,6 @@ from bayestissue.reports.pages.wording import names_in, nouns_of
 
 TABLES = ("calibration", "ranks", "sensitivity", "checklists")
 _CHECK = "\N{CHECK MARK}"
-# All but the verdict, which has a colour.
-_CALIBRATION = ("quantity", "elements", "held", "shift", "p")
 
 
 def certificate_page(folder: Path, record: dict[str, Any]) -> str:
@@ -68,7 +66,7 @@ def as_markdown(
     facts = {"fit of": record["dataset"], "fitted": record["run"]["started"], "certified": record["started"]}
     tables = {
         "facts": table_of_cells((facts | record["versions"]).items(), "", ""),
-        "calibration": shown("calibration", calibration, _CALIBRATION),
+        "calibration": shown("calibration", calibration, "attached"),
         "moved": moved_by_priors(sensitivity),
     }
     lines = {name: "\n".join(table.markdown()) if table.rows else "" for name, table in tables.items()}

@@ -129,8 +129,6 @@ def answers_figure(answers: pd.DataFrame) -> Figure | None:
     return intervals(rows.reset_index(drop=True), "ratio", words, lines=(1,))
 
 
-# Of `comparison.csv`.
-COMPARED = ("left_out", "run", "data", "elpd_with_se", "off_best", "effective", "stacking", "warning")
 TABLES = ("comparison", "posteriors")
 _APART = (r"(; )?densities of other numbers.*", "")
 _AGAIN = "Compare the runs anew with `bayestissue compare`."

@@ -21,6 +21,7 @@ from bayestissue.reports.pages.wording import (
     decimals,
     decimals_of,
     digits,
+    estimated,
     interval,
     number,
     percent,
@@ -146,6 +147,10 @@ _NUMBERS: dict[str, Callable[..., str]] = {
     "value": lambda value, low, high: number(value, decimals_of(high - low)),
     "within": lambda low, high, *ends: interval(low, high, decimals_of(ends[1] - ends[0])),
     "spread": lambda *ends: Spread(*ends).value,
+    # At a terminal, without exponents.
+    "median": lambda *ends: estimated(*ends)[0],
+    "from": lambda *ends: estimated(*ends)[1].replace("nan", ""),
+    "to": lambda *ends: estimated(*ends)[2].replace("nan", ""),
     "range": lambda *ends: Spread(*ends).range,
 }
 
@@ -164,7 +169,7 @@ def _words_of(form: str) -> Callable[..., str]:
 def shown(
     name: str,
     rows: pd.DataFrame,
-    only: Collection[str] = (),
+    view: str = "shown",
     *,
     fields: Mapping[str, Field] = MappingProxyType({}),
     mark: Callable[[Any], str] = lambda row: "",
@@ -175,20 +180,20 @@ def shown(
     Args:
         name: of its file, without suffix.
         rows: of the table.
-        only: the columns that are shown, in this order; all unless given.
+        view: its name, of a table that looks otherwise here or there.
         fields: in the place of some that are declared, by their names.
         mark: of a row, as of `Row`.
         **values: what stands in braces in titles.
     """
-    looks = declared_files()[f"{name}.csv"].looks
-    present = [column for column in only or looks if set(looks[column]["of"]) <= set(rows)]
-    declared = zip(present, declared_fields(name, present, **values), strict=True)
+    looks = declared_files()[f"{name}.csv"].looks[view]
+    present = [column for column in looks if set(looks[column]["of"]) <= set(rows)]
+    declared = zip(present, declared_fields(name, present, view, **values), strict=True)
     return table_of(rows, *(fields.get(column, field) for column, field in declared), mark=mark)
 
 
-def declared_fields(name: str, columns: Iterable[str], **values: str) -> list[Field]:
+def declared_fields(name: str, columns: Iterable[str], view: str = "shown", **values: str) -> list[Field]:
     """Columns of the table ``name`` as they are declared to be shown; see `shown`."""
-    looks = declared_files()[f"{name}.csv"].looks
+    looks = declared_files()[f"{name}.csv"].looks[view]
     return [
         Field(**looks[column] | {"title": filled(looks[column]["title"], **values)}) for column in columns
     ]

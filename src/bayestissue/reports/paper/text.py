@@ -187,8 +187,8 @@ _REPEATABILITY = {
 
 def _cells(part: pd.DataFrame, value: str) -> list[str]:
     """A cell for K and for C of rows with ``value``, ``low`` and ``high``; empty where there is none."""
-    by = part.set_index("quantity")
-    return [_cell(Spread.of(by.loc[q], value) if q in by.index else None) for q in QUANTITIES]
+    by = part.drop_duplicates("quantity").set_index("quantity").to_dict("index")
+    return [_cell(Spread.of(by[q], value) if q in by else None) for q in QUANTITIES]
 
 
 def _cell(spread: Spread | None) -> str:

@@ -85,7 +85,7 @@ def people_wide(study: Study) -> tuple[pd.DataFrame, dict[str, str]]:
     for q, quantity in symbols(posterior).items():
         logs = np.log(posterior[quantity].transpose("impact", ...).to_numpy()).reshape(len(rows), -1)
         means = pd.DataFrame(logs).groupby([cells.to_numpy(), subject.to_numpy()]).mean()
-        medians = np.exp(means).median(axis=1)
+        medians = pd.Series(np.median(np.exp(means), axis=1), means.index)
         for cell in dict.fromkeys(cells):
             name = _name(f"{quantity}_{cell}", columns)
             columns[name] = medians.loc[cell].reindex(people).to_numpy()

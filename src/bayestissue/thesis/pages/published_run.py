@@ -44,20 +44,6 @@ class PublishedRun(PosteriorRun):
         return float(self.constant("reference_mass_kg"))
 
 
-# Of `comparison.csv`.
-COMPARED = (
-    "scheme",
-    "model",
-    "elpd",
-    "se",
-    "elpd_difference",
-    "se_difference",
-    "p_effective",
-    "weight",
-    "warning",
-)
-
-
 def checks_table(run: PublishedRun) -> Table:
     """`predictive_checks.csv`: statistics of the published numbers beside what the model predicts."""
     return shown(

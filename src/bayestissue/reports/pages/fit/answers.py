@@ -21,6 +21,7 @@ from bayestissue.reports.pages.posterior import (
     QUANTITIES,
     SURE,
     Levels,
+    Quantity,
     exponent,
     hypothesis_probability,
     levels,
@@ -107,7 +108,7 @@ def averaged_over(run: FitRun) -> str:
     return str(variable.attrs.get("averaged_over", ""))
 
 
-def averaged_levels(run: FitRun) -> dict[str, dict[str, list[tuple[str, str, Spread]]]]:
+def averaged_levels(run: FitRun) -> dict[str, dict[str, list[tuple[Quantity, str, Spread]]]]:
     """K and C of a typical person by the levels of each column that it is averaged over, of few levels."""
     levels = {}
     for name in averaged_over(run).split(" and "):

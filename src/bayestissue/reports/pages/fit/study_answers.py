@@ -157,7 +157,8 @@ _COMPARED = (Field("of", of=["factor"]), Field("comparison", "over", of=["level"
 
 def repeatability(run: FitRun) -> list[tuple[str, list[Spread], Spread | None]]:
     """Of K and of C the least change that shows, all else the same, and the ICC(A,1)."""
-    cells, answers = _by_place(run.reliability), []
+    cells = _by_place(run.reliability)
+    answers: list[tuple[str, list[Spread], Spread | None]] = []
     for q in QUANTITIES:
         changes = [
             Spread.of(row) for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)
@@ -235,7 +236,8 @@ def measurement_errors(run: FitRun) -> list[tuple[str, list[float], list[str], l
 
     Last ICC(C,1), ICC(A,1) and the repeats for an ICC(A,k) of 0.9, where there are any.
     """
-    cells, errors = _by_place(run.reliability), []
+    cells = _by_place(run.reliability)
+    errors: list[tuple[str, list[float], list[str], list[list[Spread]]]] = []
     for q in dict.fromkeys(key[0] for key in cells if key[0] in QUANTITIES):
         chain, person = (cells[q, SEM, form, _PERCENT]["median"] for form in ("measuring chain", "person"))
         forms = [(ICC, "ICC(C,1)"), (ICC, "ICC(A,1)"), (REPEATS, "ICC(A,k) of 0.9")]
