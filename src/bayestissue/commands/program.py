@@ -107,13 +107,12 @@ def model(name: Annotated[str, typer.Argument(metavar="NAME|FILE")]) -> None:
 
 def _verdict(made: Made) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
-    from bayestissue.reports.pages.page_tables import Field, table_of
+    from bayestissue.reports.pages.page_tables import shown
 
     findings = made.tables["selftest"]
     failed = findings[findings["passed"] == 0]
     if len(failed):
-        sizes = (Field(name, kind="number") for name in ("what", "expected", "found"))
-        yield Grid("what failed", table_of(failed, Field("check"), *sizes))
+        yield Grid("what failed", shown("selftest", failed, "failed"))
     yield made.about["verdict"]["words"]
 
 

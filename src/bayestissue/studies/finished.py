@@ -20,11 +20,12 @@ from bayestissue.base.outline import Rows, short, span
 from bayestissue.base.result import Made, Result, Say
 from bayestissue.base.results.files import write_json, write_tree
 from bayestissue.base.results.manifest import require_file
+from bayestissue.base.results.tables import wrong_in
 from bayestissue.inference.checking.findings import verdict_in_words
 from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.model.hierarchy.specification import ModelSpecification, specification_of
 from bayestissue.reports.pages.fit.fit_run import TABLES, FitRun
-from bayestissue.reports.pages.run_folder import not_a_fit, read_about
+from bayestissue.reports.pages.run_folder import read_about
 from bayestissue.reports.paper import WIDTH_MM
 
 if TYPE_CHECKING:
@@ -312,7 +313,8 @@ def read_run(path: str | Path) -> Fit:
     folder = path_argument("path", path, "the folder of a finished fit")
     record = read_about(folder)
     if record["kind"] != "fit" or not isinstance(record.get("model"), dict):
-        raise InputError(not_a_fit(folder, record, _AGAIN))
+        path, kind = folder / "run.json", record["kind"]
+        raise InputError(wrong_in(path, '"fit"', _AGAIN, code="not-a-fit", column="kind", value=kind))
     return Fit.read(folder, record)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.errors import InputError, Problem, all_of
+from bayestissue.base.errors import InputError, all_of
 from bayestissue.base.results.files import whole_file
 from bayestissue.base.results.manifest import require_as_written
 from bayestissue.base.results.tables import AGAIN, HELD, read_table, wrong_in
@@ -131,12 +131,6 @@ class PosteriorRun:
     def constant(self, name: str) -> np.ndarray:
         """One of the numbers that the model was given, such as ``mass_kg`` [impact] or [trial]."""
         return self.groups["constant_data"][name].to_numpy()
-
-
-def not_a_fit(folder: Path, record: Mapping[str, Any], remedy: str) -> Problem:
-    """The problem of a folder that holds another kind of run than a fit."""
-    path, kind = folder / "run.json", record["kind"]
-    return wrong_in(path, '"fit"', remedy, code="not-a-fit", column="kind", value=kind)
 
 
 def read_about(folder: Path) -> dict[str, Any]:
