@@ -80,7 +80,7 @@ def test_a_wide_interval_decides_nothing(run):
 def test_a_model_without_mass_says_so(run):
     drawn = run.groups["posterior"].drop_vars(["mass_exponent_K", "mass_exponent_C"])
     without = changed(run, groups={"posterior": drawn})
-    assert posterior.exponent_rows(without) == []
+    assert posterior.mass_exponents(without) == []
     assert "no mass exponent" in page.mass_conclusion(without)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -19,9 +19,7 @@ from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.run_folder import PosteriorRun
 from bayestissue.reports.pages.wording import (
     Spread,
-    likelihood_words,
     listed,
-    probability,
     relative,
     said,
 )
@@ -129,24 +127,22 @@ def _sureness(run: PosteriorRun, quantity: str) -> dict[str, str]:
     }
 
 
-def exponent_rows(run: PosteriorRun, answering: Mapping[str, str] | None = None) -> list[dict[str, str]]:
-    """For K and for C: the mass exponent, its interval and what the interval holds, as text.
+def mass_exponents(run: PosteriorRun, answering: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
+    """For K and for C the mass exponent ``beta``, and the probabilities that it counts as 0 and as 1.
 
     ``answering`` says by whose exponent, such as that of `COMMON_DEPTH` for K; by their own unless given.
     """
-    rows = []
-    for quantity in QUANTITIES:
-        which = (answering or {}).get(quantity, quantity)
-        beta = exponent(run, which)
-        if beta is None:
-            continue
-        row = {"quantity": quantity, "value": beta.value, "range": beta.range}
-        row["words"] = worded("fit", "exponent", quantity == "K", beta)
-        for name, hypothesis in (("fixed", FIXED), ("constant", CONSTANT)):
-            p = hypothesis_probability(run, which, hypothesis)
-            row |= {name: probability(p), f"{name}_words": likelihood_words(p)}
-        rows.append(row)
-    return rows
+    whose = {quantity: (answering or {}).get(quantity, quantity) for quantity in QUANTITIES}
+    return [
+        {
+            "quantity": quantity,
+            "beta": beta,
+            "fixed": hypothesis_probability(run, which, FIXED),
+            "constant": hypothesis_probability(run, which, CONSTANT),
+        }
+        for quantity, which in whose.items()
+        if (beta := exponent(run, which)) is not None
+    ]
 
 
 _FINE = ("✓", "")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from bayestissue.inference.results.meanings import UNITS
@@ -15,7 +13,6 @@ from bayestissue.reports.pages.fit.study_answers import first_contrasts
 from bayestissue.reports.pages.page_settings import LIMITS, WORTH
 from bayestissue.reports.pages.posterior import (
     COMMON_DEPTH,
-    CONSTANT,
     FIXED,
     OWN_DEPTH,
     QUANTITIES,
@@ -127,20 +124,6 @@ def impact_sureness(run: FitRun, quantity: str) -> str:
     """How closely the median impact's own K (K_secant, C) is known, as "±0.8 %": half its 90 % interval."""
     table = run.of_impacts(quantity)
     return relative(float(np.sqrt((table["eti90_high"] / table["eti90_low"]).median()) - 1))
-
-
-def mass_exponents(run: FitRun) -> list[dict[str, Any]]:
-    """Of K and of C the exponent that answers, and the probabilities that it counts as 0 and as 1."""
-    return [
-        {
-            "quantity": q,
-            "beta": beta,
-            "fixed": hypothesis_probability(run, which, FIXED),
-            "constant": hypothesis_probability(run, which, CONSTANT),
-        }
-        for q, which in answering(run).items()
-        if (beta := exponent(run, which)) is not None
-    ]
 
 
 def made_by_method(run: FitRun, quantity: str) -> bool:

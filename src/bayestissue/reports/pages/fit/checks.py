@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
+from bayestissue.reports.pages.fit.answers import person_words
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.method_agreement import COVERAGE
 from bayestissue.reports.pages.page_settings import LIMITS, WORTH
@@ -137,8 +138,6 @@ def population_names(run: FitRun) -> list[str]:
     return [name for name in names if name.startswith((*begins, "residual_correlation", "noise_mean"))]
 
 
-_LEVELS = {"impact": "impact", "typical person": "typical person", "new person": "new person"}
-_LEVELS_OF_ONE_PERSON = {"impact": "impact", "typical person": "this person", "new person": "new impact"}
 # In the order of the page, as the run names them and as the page does.
 _NAMES = {
     "noise": "noise of the recorder",
@@ -194,9 +193,9 @@ def _source_names(sources: pd.DataFrame) -> dict[str, str]:
 
 def source_levels(run: FitRun) -> dict[str, str]:
     """Levels that these data tell something of, in words: of one impact, that impact alone."""
-    if len(run.impacts) == 1:
-        return {"impact": _LEVELS["impact"]}
-    return _LEVELS_OF_ONE_PERSON if run.people_count == 1 else _LEVELS
+    of = person_words(run)
+    several = {} if len(run.impacts) == 1 else {"typical person": of["typical"], "new person": of["new"]}
+    return {"impact": "impact", **several}
 
 
 def _cell(row: Mapping[Any, Any] | None) -> str:
