@@ -64,7 +64,7 @@ from bayestissue.inference.answers.reliability import (
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.quantities.quantity_draws import drawn_from_prior
-from bayestissue.inference.results.labels import design_dimensions, labelled
+from bayestissue.inference.results.labels import design_variables, labelled
 from bayestissue.model.hierarchy.derived import (
     effects_by_name,
     formula_quantities,
@@ -478,7 +478,7 @@ class Studies:
         arrays = formula_quantities(design, population)
         levels = level_quantities(design, arrays)
         arrays |= levels | new_impact(design, population, levels, random)
-        return labelled(arrays, design_dimensions(design), design.levels())
+        return labelled(arrays, design.levels(), design_variables(design))
 
     def _asked(self, posterior: xr.Dataset, world: World) -> dict[str, float]:
         every, groups, recorded = [], [], self._base.design.recorded

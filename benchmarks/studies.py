@@ -19,8 +19,8 @@ import bayestissue as bt
 from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.inference.quantities.quantity_draws import Draws, quantities
-from bayestissue.inference.results.labels import labelled
-from bayestissue.inference.results.tree import dimensions, predicted
+from bayestissue.inference.results.labels import design_variables, labelled
+from bayestissue.inference.results.replicates import predicted
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.model.hierarchy.specification import (
     SIDE_BY_SIDE,
@@ -119,7 +119,7 @@ def of_draws(prepared: Prepared, draws: Draws, seed: int) -> xr.Dataset:
     """All quantities of a posterior or a prior, labelled."""
     values = quantities(prepared, draws, np.random.default_rng(seed))
     names = {"impact": prepared.impacts["impact"].tolist(), **prepared.design.levels()}
-    return labelled(values, dimensions(prepared.design, prepared.data.record.errors), names)
+    return labelled(values, names, design_variables(prepared.design))
 
 
 def decelerations(prepared: Prepared) -> np.ndarray:

@@ -12,7 +12,7 @@ import xarray as xr
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.study import Study
-from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
+from bayestissue.inference.results.labels import design_variables, labelled
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.design import Design, build_design
 from bayestissue.model.hierarchy.recorded import Recorded
@@ -84,7 +84,7 @@ def labelled_draws(design: Design, population: Mapping[str, np.ndarray]) -> xr.D
     """What follows from draws of coefficients, spreads and effects, with its names, levels and units."""
     values = derived.formula_quantities(design, population)
     values |= derived.level_quantities(design, values)
-    return labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
+    return labelled(values, design.levels(), design_variables(design))
 
 
 def any_draws(design: Design, rng: np.random.Generator, shape: tuple[int, int]) -> xr.Dataset:

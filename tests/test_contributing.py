@@ -46,10 +46,10 @@ explain(["too-quiet"], as_json=False)
 from types import SimpleNamespace
 from bayestissue.mechanics.elements import Outcomes
 from bayestissue.inference.quantities.impact_quantities import QUANTITIES
-from bayestissue.inference.results.labels import element_attributes
+from bayestissue.inference.results.labels import variables
 out = Outcomes(*(None for _ in Outcomes._fields))._replace(mass=2.0, velocity=1.5)
 momentum = QUANTITIES["momentum"](SimpleNamespace(outcomes=out))
-print("quantity", momentum, element_attributes()["momentum"]["unit"])
+print("quantity", momentum, variables()["momentum"].attrs["unit"])
 
 import typer
 from bayestissue.cli import app

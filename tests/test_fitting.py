@@ -173,9 +173,9 @@ def test_structured_residuals_ask_for_a_second_fit(dataset, fitted, monkeypatch,
     made = TraceAnalysis(tree, fitted.diagnostics | {"model_form": form}, fitted.tables)
     seen, said, asked = [], [], []
 
-    def fit_traces(prepared, specification, seed, say, *, checkpoints, end, expansions=None):
+    def fit_traces(prepared, specification, seed, say, *, checkpoints, beginning):
         seen.append((prepared.model.discrepancy, checkpoints))
-        if expansions is None:
+        if beginning is None:
             say("summarising each trace", 0, 1)
         return made
 

@@ -19,7 +19,7 @@ from bayestissue.base.remedies import entries
 from bayestissue.base.results.tables import declared_files
 from bayestissue.base.settings import _table_in
 from bayestissue.cli import app
-from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS, element_attributes
+from bayestissue.inference.results.labels import GROUPS, variables
 from bayestissue.model.hierarchy.priors import Pair, _Prior
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.recordings.dataset.dataset_file import Settings
@@ -115,11 +115,11 @@ def test_the_reference_has_every_public_name_and_its_docstring(manual):
 
 def test_the_reference_has_every_variable_with_unit_and_meaning(manual):
     shown = code(manual, "posterior")
-    for name, about in (ATTRIBUTES | element_attributes()).items():
+    for name, about in variables().items():
         if not name.startswith("linear_") and name not in PUBLISHED:
             assert name in shown
-            assert about["unit"], name
-            assert about["long_name"], name
+            assert about.attrs["unit"], name
+            assert about.attrs["long_name"], name
     assert set(GROUPS) <= shown
     assert {"ICC_A1_K", "MDC95_C_C", "repeats_A90_K"} <= shown
 

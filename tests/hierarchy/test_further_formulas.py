@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue.base.errors import InputError
-from bayestissue.inference.results.labels import design_attributes
+from bayestissue.inference.results.labels import design_variables
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.population import population_design
 from bayestissue.model.hierarchy.specification import ModelSpecification, read_specification
@@ -91,7 +91,7 @@ def test_results_are_named_as_those_of_k_and_c() -> None:
     assert_allclose(np.log(found["thickness_m_subject"]), of_people)
     names = {"sd_subject_thickness_m", "sd_session_thickness_m", "sd_log_thickness_m"}
     assert names | {"session_effect_thickness_m", "mass_exponent_thickness_m"} <= set(found)
-    attributes = design_attributes(design)
+    attributes = {name: one.attrs for name, one in design_variables(design).items()}
     assert attributes["thickness_m_subject"]["unit"] == "m"
     assert attributes["subject_effect_thickness_m"]["long_name"] == "effect of the subject on log thickness_m"
     assert "intercept_K" not in attributes

@@ -6,7 +6,7 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from bayestissue.inference.results.labels import design_dimensions, labelled
+from bayestissue.inference.results.labels import design_variables, labelled
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.group_terms import GroupTerm
@@ -38,7 +38,7 @@ def known() -> tuple[Design, dict[str, np.ndarray], xr.Dataset, Recorded]:
     population = sites_of(design, np.random.default_rng(1))
     values = derived.formula_quantities(design, population)
     values |= derived.level_quantities(design, values)
-    draws = labelled(values, design_dimensions(design), design.levels())
+    draws = labelled(values, design.levels(), design_variables(design))
     table = rows[["subject", "trial", "side", "mass_kg", "age", "session"]].assign(velocity_m_s=1.5)
     return design, population, draws, Recorded(table, design.formulas.model_dump(), REFERENCE)
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from bayestissue.base.results.tables import ResultFile, declared_files
 from bayestissue.inference.answers.reliability import Variances, as_variables, coefficients
-from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS, element_attributes
-from bayestissue.inference.results.tree import dimensions
-from bayestissue.model.hierarchy.design import build_design
-from bayestissue.model.hierarchy.specification import Formulas
+from bayestissue.inference.results import labels
+from bayestissue.inference.results.labels import GROUPS, Variable
 from from_program.keys import unit
 from from_program.markdown import code, escaped, table
 
@@ -43,10 +40,9 @@ def groups() -> str:
 
 def variables() -> str:
     """The variables of posterior.nc: a section for each group that has some of its own."""
-    every, apart = attributes(), {name for _, names in GROUPS.values() for name in names}
+    every, apart = _variables(), {name for _, names in GROUPS.values() for name in names}
     places = {group: names for group, (_, names) in GROUPS.items() if names}
     places = {"posterior": tuple(name for name in every if name not in apart)} | places
-    dims = _dimensions(tuple(name for name in every if name.endswith("_error")))
     return "\n\n".join(
         f"## Variables of {code(group)}\n\n"
         + table(
@@ -54,9 +50,9 @@ def variables() -> str:
             [
                 (
                     code(name),
-                    ", ".join(dims.get(name, ())),
-                    every[name].get("unit", ""),
-                    escaped(_sentence(every[name].get("long_name", ""))),
+                    ", ".join(every[name].dims),
+                    every[name].attrs.get("unit", ""),
+                    escaped(_sentence(every[name].attrs.get("long_name", ""))),
                 )
                 for name in names
             ],
@@ -65,33 +61,24 @@ def variables() -> str:
     )
 
 
-def attributes() -> dict[str, dict[str, str]]:
-    """Unit and meaning of every variable of a fit of traces, by name."""
-    known = ATTRIBUTES | element_attributes()
+def _variables() -> dict[str, Variable]:
+    """Every variable of a fit of traces, by name."""
     of_traces = {
-        name: about
-        for name, about in known.items()
+        name: one
+        for name, one in labels.variables().items()
         if not name.startswith("linear_") and name.removeprefix("K").removeprefix("C") not in _PUBLISHED
     }
     return of_traces | _of_reliability()
 
 
-def _of_reliability() -> dict[str, dict[str, str]]:
+def _of_reliability() -> dict[str, Variable]:
     """What `as_variables` labels: made of any numbers, since names and units are asked for alone."""
     rng = np.random.default_rng(0)
     some = {name: rng.uniform(0.1, 0.2, (2, 3)) for name in ("people", "within", "impacts", "trial")}
     found = Variances(some["people"], 0.0, {"trial": (some["trial"], 3.0)}, {}, some["impacts"], 0.01, 3.0)
     draws = xr.Dataset({f"{q}_typical_person": (("chain", "draw"), some["within"]) for q in ("K", "C")})
     labelled = as_variables(coefficients({"K": found, "C": found}, draws))
-    return {str(k): dict(v.attrs) for k, v in labelled.items()}
-
-
-def _dimensions(errors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """Of a campaign of two people in two conditions, as of any other."""
-    rows = pd.DataFrame({"subject": ["a", "a", "b", "b"], "trial": ["1", "2", "1", "2"]})
-    rows = pd.concat([rows, rows], ignore_index=True).assign(mass_kg=[1.0, 2.0] * 4)
-    design = build_design(Formulas(), rows, reference_mass_kg=None, source="the manual")
-    return dimensions(design, errors)
+    return {str(k): Variable(dict(v.attrs)) for k, v in labelled.items()}
 
 
 def _columns(file: ResultFile) -> list[tuple[Any, ...]]:

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.result import Say, silent
+from bayestissue.base.result import Say
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
@@ -82,9 +82,8 @@ def fit_traces(
     seed: int,
     say: Say,
     *,
-    expansions: GaussianFactor | None = None,
+    beginning: GaussianFactor | ChainEnd | None = None,
     checkpoints: Path | None = None,
-    end: ChainEnd | None = None,
 ) -> TraceAnalysis:
     """Sample the posterior of every impact and of the population, check it, and label everything.
 
@@ -95,14 +94,12 @@ def fit_traces(
         specification: the model file.
         seed: of all draws.
         say: told the stage, how much of it is done, and its total.
-        expansions: `expanded` of the same, if it is at hand.
+        beginning: as of `samples`.
         checkpoints: an existing folder for finished segments of the chains; see `chain_draws`.
-        end: of an earlier run, to go on with.
     """
     say("summarising each trace", 0, 1)
     settings = specification.sampler
-    longer = samples(prepared, settings, seed, say, expansions=expansions, checkpoints=checkpoints, end=end)
-    for chains in longer:
+    for chains in samples(ChainJob(prepared, settings, seed, say, checkpoints), beginning):
         thin = chains.thinned(settings.draws)
         say("predicting", 0, 1)
         analysis = label(prepared, specification, draws_of_chain(prepared, thin, seed), thin, seed, say)
@@ -114,25 +111,20 @@ def fit_traces(
 
 def sample(prepared: Prepared, sampler: Sampler, seed: int) -> ChainDraws:
     """The first draws of `samples`."""
-    return next(samples(prepared, sampler, seed))
+    return next(samples(ChainJob(prepared, sampler, seed)))
 
 
-def samples(
-    prepared: Prepared,
-    sampler: Sampler,
-    seed: int,
-    say: Say = silent,
-    *,
-    expansions: GaussianFactor | None = None,
-    checkpoints: Path | None = None,
-    end: ChainEnd | None = None,
-) -> Iterator[ChainDraws]:
-    """Draws of hyperparameters, effects and impacts as `chain_draws` yields them; see `fit_traces`."""
-    beginning: GaussianFactor | ChainEnd | None = end
-    if beginning is None:
-        finding = partial(say, "looking for other explanations of each trace")
-        beginning = explanations(prepared, expansions or expanded(prepared), finding)
-    return chain_draws(ChainJob(prepared, sampler, seed, say, checkpoints), beginning)
+def samples(job: ChainJob, beginning: GaussianFactor | ChainEnd | None = None) -> Iterator[ChainDraws]:
+    """Draws of hyperparameters, effects and impacts as `chain_draws` yields them; see `fit_traces`.
+
+    Args:
+        job: what is sampled.
+        beginning: `expanded` of the same, if it is at hand; or where an earlier run ended, to go on with.
+    """
+    if not isinstance(beginning, ChainEnd):
+        finding = partial(job.progress, "looking for other explanations of each trace")
+        beginning = explanations(job.prepared, beginning or expanded(job.prepared), finding)
+    return chain_draws(job, beginning)
 
 
 def draws_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> Draws:
@@ -156,7 +148,7 @@ def label(
     say: Say,
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of the draws."""
-    statistics = labelled({"lp": chains.log_likelihood}, {}, {})
+    statistics = labelled({"lp": chains.log_likelihood})
     tree = posterior_tree(prepared, specification, statistics, draws, seed)
     say("checking and scoring", 0, 1)
     form = _form(prepared, draws, tree)
@@ -174,12 +166,13 @@ def label(
     # Coefficients are functions of standard deviations, which are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
     compared, near = _contrasts(prepared, specification, tree), specification.practical_equivalence
-    diagnostics = _diagnostics(
-        prepared, posterior, tree["prior"].dataset, checked, chains, form, _unasked(specification)
-    )
+    diagnostics = _diagnostics(prepared, specification, tree, checked, chains, form)
+    # How K and C go with mass, of every exponent that there is.
+    of_mass = {q: f"mass_exponent_{q}" for q in (*of_tissue, COMMON_DEPTH, "K_secant")}
+    exponents = {q: posterior[name].to_numpy() for q, name in of_mass.items() if name in posterior}
     tables = {
         "summary": summary,
-        "hypotheses": _hypotheses(posterior, of_tissue, near.mass_exponent),
+        "hypotheses": derived.hypotheses(exponents, near.mass_exponent),
         "cross_validation": scores,
         "sensitivity": sensitivity,
         "interval_sources": budget,
@@ -192,27 +185,22 @@ def label(
     return TraceAnalysis(tree, diagnostics, tables, chains.end)
 
 
-def _hypotheses(posterior: xr.Dataset, of_tissue: Sequence[str], near: float) -> pd.DataFrame:
-    """How K and C go with mass, of every exponent that there is."""
-    names = {q: f"mass_exponent_{q}" for q in (*of_tissue, COMMON_DEPTH, "K_secant")}
-    exponents = {q: posterior[name].to_numpy() for q, name in names.items() if name in posterior}
-    return derived.hypotheses(exponents, near)
-
-
 def _diagnostics(
     prepared: Prepared,
-    posterior: xr.Dataset,
-    prior: xr.Dataset,
+    specification: ModelSpecification,
+    tree: xr.DataTree,
     checked: pd.DataFrame,
     chains: ChainDraws,
     form: dict[str, Any],
-    unasked: list[str],
 ) -> dict[str, Any]:
     """What draws say of chains and model, for ``diagnostics.json``; ``checked`` are rows of the summary."""
+    model, design, posterior = prepared.model, prepared.design, tree["posterior"].dataset
     of_impacts = [str(name) for name, values in posterior.data_vars.items() if "impact" in values.dims]
-    model, design = prepared.model, prepared.design
+    # Outcomes of single impacts that follow from K and C, less the measured ones and those of questions.
+    asked = " ".join(specification.questions.values())
+    unasked = [name for name in HEADFORM_OUTCOMES if name not in MEASURED and name not in asked]
     pooled = pooled_parameters(posterior, design.recorded, element(model.element))
-    added = judge_added_mass(prepared, posterior, prior)
+    added = judge_added_mass(prepared, posterior, tree["prior"].dataset)
     return {
         **diagnose(checked, r_hat_limit(len(checked), *chains.shape), of_impacts, unasked),
         **form,
@@ -221,12 +209,6 @@ def _diagnostics(
         "route": chains.record(),
         **({"added_mass": added} if added else {}),
     }
-
-
-def _unasked(specification: ModelSpecification) -> list[str]:
-    """Outcomes of single impacts that follow from K and C, less the measured ones and those of questions."""
-    asked = " ".join(specification.questions.values())
-    return [name for name in HEADFORM_OUTCOMES if name not in MEASURED and name not in asked]
 
 
 def _contrasts(prepared: Prepared, specification: ModelSpecification, tree: xr.DataTree) -> Contrasts:
@@ -264,9 +246,7 @@ def _form(prepared: Prepared, draws: Draws, tree: xr.DataTree) -> dict[str, Any]
     if prepared.model.kind != "impact":
         return {}
     parameters = draws.impacts["parameters"]
-    rows = np.arange(parameters.shape[2])
-    if draws.kept_numbers is not None:
-        rows = some_impacts(len(rows))
+    rows = some_impacts(parameters.shape[2])
     middle = np.median(parameters[:, :, rows].astype(float), axis=(0, 1))
     chosen = some_of(prepared, rows)
     names = chosen.impacts["impact"].astype(str).tolist()

@@ -394,15 +394,14 @@ class FitJob:
         without = self.specification.model_copy(update={"discrepancy": "none"})
         return assemble(self.dataset, without, self.prepared.design, self.prepared.signal)
 
-    def _sampled(self, end: ChainEnd | None, expansions: GaussianFactor | None = None) -> TraceAnalysis:
+    def _sampled(self, beginning: GaussianFactor | ChainEnd | None = None) -> TraceAnalysis:
         return fit_traces(
             self.prepared,
             self.specification,
             self.seed,
             self.say,
-            expansions=expansions,
+            beginning=beginning,
             checkpoints=self.checkpoints,
-            end=end,
         )
 
     def _again(self, besides: str, prepared: Prepared) -> FitJob:
@@ -424,7 +423,7 @@ class FitJob:
         if self.earlier is None and may_add and alone:
             form = model_form.misfit_precheck(self.prepared, expansions, self.seed) or {}
         if not form:
-            first = self._sampled(end, expansions if alone else None)
+            first = self._sampled(end or (expansions if alone else None))
             form, end = first.diagnostics.get("model_form", {}), None
             if not (may_add and form.get("structured", False)):
                 return self, _with_element(first, told)
@@ -457,7 +456,7 @@ class FitJob:
             return None
         of_spring = replace(of_spring, reference=self.prepared.reference)
         job = replace(self._again("a stiffening spring", of_spring), specification=stiffens)
-        second = job._sampled(None)
+        second = job._sampled()
         return (job, _with_element(second, told)) if another_element.explains(second.diagnostics) else None
 
     def _of_recordings(

@@ -23,7 +23,7 @@ from bayestissue.inference.answers.predictions import (
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
-from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
+from bayestissue.inference.results.labels import variables
 from bayestissue.mechanics.elements import outcomes
 from make_fit_run import make_fit_run
 
@@ -158,7 +158,7 @@ def test_joint_draws_are_those_of_the_table(run: Fit, tmp_path: Path) -> None:
     assert draws.sizes == {"chain": 2, "draw": 100, "row": 3}
     table = run.predict(AT, draws=tmp_path / "joint.parquet")
     for name, column in QUANTITIES.items():
-        assert draws[name].attrs["unit"] == (ATTRIBUTES | element_attributes())[name]["unit"]
+        assert draws[name].attrs["unit"] == variables()[name].attrs["unit"]
         median = draws[name].median(["chain", "draw"]).to_numpy()
         assert median == pytest.approx(table[column].to_numpy(), rel=1e-12), name
     long = pd.read_parquet(tmp_path / "joint.parquet")

@@ -39,7 +39,7 @@ from bayestissue.inference.answers.grammar import (
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, beyond, unfit_height
 from bayestissue.inference.answers.study import DRAWN, Study
-from bayestissue.inference.results.labels import element_attributes
+from bayestissue.inference.results.labels import variables
 from bayestissue.mechanics.elements.head_injury import LONGEST
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.model.hierarchy.levels import NEW
@@ -125,10 +125,11 @@ def unit_of(node: Node, posterior: xr.Dataset) -> str:
     Of K / 1000 the unit can't be known: the number may stand for a change of unit.
     """
     if isinstance(node, Quantity):
-        known = (
-            posterior[node.name].attrs if node.name in posterior else element_attributes().get(node.name, {})
-        )
-        unit = known.get("unit", "1")
+        if node.name in posterior:
+            unit = posterior[node.name].attrs.get("unit", "1")
+        else:
+            known = variables()
+            unit = known[node.name].attrs["unit"] if node.name in known else "1"
         return "" if unit == "1" else str(unit)
     if isinstance(node, Critical):
         return ALONG[node.column]

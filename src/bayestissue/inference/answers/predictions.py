@@ -37,7 +37,7 @@ from bayestissue.inference.answers.meaning import average_notes, beyond_notes
 from bayestissue.inference.answers.study import DRAWN, Study, simulated_step
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
-from bayestissue.inference.results.labels import ATTRIBUTES, element_attributes
+from bayestissue.inference.results.labels import variables
 from bayestissue.inference.results.meanings import COLUMNS, HEADFORM_COLUMNS, OUTCOME_COLUMNS
 from bayestissue.inference.samplers.sampling import interval
 from bayestissue.mechanics.elements import element
@@ -126,10 +126,10 @@ def predicted(
             for row, condition in enumerate(conditions)
         ]
     )
-    attributes = ATTRIBUTES | element_attributes()
+    known = variables()
     draws = simulated.assign(outcomes).rename(condition="row")
     draws = draws.assign_coords(row=np.arange(1, len(conditions) + 1))
-    return Predicted(table, draws.assign({n: v.assign_attrs(attributes[str(n)]) for n, v in draws.items()}))
+    return Predicted(table, draws.assign({n: v.assign_attrs(known[str(n)].attrs) for n, v in draws.items()}))
 
 
 def _notes(

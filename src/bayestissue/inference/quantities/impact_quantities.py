@@ -1,6 +1,6 @@
 """The quantities of every impact in one draw, of posterior or prior: the one place where they are made.
 
-A new quantity is an entry of `QUANTITIES`, and its unit and meaning in ``results/variables.toml``.
+A new quantity is an entry of `QUANTITIES`, and of ``results/variables.toml`` with its unit and meaning.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from bayestissue.model.hierarchy.trace_models import (
     TraceData,
     TraceModel,
     element_parameters,
-    impact_likelihood,
     physical,
     trace_likelihood,
 )
 from bayestissue.model.likelihood.element.impact import MeasuredImpact
 from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
 
+Column = Float[Array, " impact"]
 # Of elements whose stiffness depends on depth, and of any with a discrepancy.
 COMMON_DEPTH = "K_common_depth"
 
@@ -62,9 +62,9 @@ class Impacts:
     model: TraceModel
     data: TraceData
     u: list[Array]
-    mass_error: Float[Array, " impact"]
+    mass_error: Column
     chain_error: Float[Array, "impact error"]
-    velocity_error: Float[Array, " impact"] | None
+    velocity_error: Column | None
     measured: MeasuredImpact | None = None
     discrepancy: Float[Array, "impact sample"] | None = None
 
@@ -74,7 +74,7 @@ class Impacts:
         model: TraceModel,
         data: TraceData,
         u: list[Array],
-        mass_error: Float[Array, " impact"],
+        mass_error: Column,
         key: Array,
         recorded: Bool[Array, ""],
     ) -> Self:
@@ -88,27 +88,20 @@ class Impacts:
             key: of the draw.
             recorded: whether it is given what was recorded, else as nothing but the priors has it.
         """
-        velocity_key = jax.random.fold_in(key, 5)
-        if not model.discrepancy:
-            likelihood = trace_likelihood(model, data, u)
-            errors = jax.lax.cond(recorded, likelihood.draw_errors, likelihood.prior_errors, key)
-            if model.contact:
-                later = data.record.first_time - likelihood.record.first_time
-                errors = errors.at[:, CONTACT].add(later)
-            velocity_error = data.record.velocity_error(errors, velocity_key)
-            return cls(model, data, u, mass_error, errors, velocity_error)
-        stated = impact_likelihood(model, data, u)
-        located = stated.with_contact_found(key)
-        response = located.response()
-
-        given_record = partial(located.draw_errors, predicted=response)
-        errors = jax.lax.cond(recorded, given_record, located.prior_errors, key)
-        delta = located.discrepancy(errors)
-        errors = errors[:, -len(data.record.errors) :]
-        measured = located.as_drawn(errors[:, CONTACT])
-        errors = errors.at[:, CONTACT].add(data.record.first_time - located.record.first_time)
-        velocity_error = data.record.velocity_error(errors, velocity_key)
-        return cls(model, data, u, mass_error, errors, velocity_error, measured, delta)
+        likelihood: Any = trace_likelihood(model, data, u)
+        given_record, measured, discrepancy = likelihood.draw_errors, None, None
+        if model.discrepancy:
+            likelihood = likelihood.with_contact_found(key)
+            given_record = partial(likelihood.draw_errors, predicted=likelihood.response())
+        errors = jax.lax.cond(recorded, given_record, likelihood.prior_errors, key)
+        if model.discrepancy:
+            discrepancy = likelihood.discrepancy(errors)
+            errors = errors[:, -len(data.record.errors) :]
+            measured = likelihood.as_drawn(errors[:, CONTACT])
+        if model.discrepancy or model.contact:
+            errors = errors.at[:, CONTACT].add(data.record.first_time - likelihood.record.first_time)
+        velocity_error = data.record.velocity_error(errors, jax.random.fold_in(key, 5))
+        return cls(model, data, u, mass_error, errors, velocity_error, measured, discrepancy)
 
     @property
     def error_with_gain(self) -> Float[Array, "impact error"]:
@@ -127,13 +120,13 @@ class Impacts:
         return element(self.model.element)
 
     @cached_property
-    def recorded_parameters(self) -> dict[str, Float[Array, " impact"]]:
+    def recorded_parameters(self) -> dict[str, Column]:
         """The element's parameters by name, at the recorded mass."""
         values = element_parameters(self.model, self.u)
         return {one.name: value for one, value in zip(self.element.parameters, values, strict=True)}
 
     @cached_property
-    def parameters(self) -> dict[str, Float[Array, " impact"]]:
+    def parameters(self) -> dict[str, Column]:
         """The element's parameters by name."""
         true = {"K": jnp.exp(self.u[0] + self.mass_error), "C": jnp.exp(self.u[1] + self.mass_error)}
         masses = (one.name for one in self.element.extra if one.of_mass)
@@ -141,7 +134,7 @@ class Impacts:
         return self.recorded_parameters | true
 
     @cached_property
-    def mass(self) -> Float[Array, " impact"]:
+    def mass(self) -> Column:
         """M [kg]."""
         return jnp.exp(self.data.log_mass + self.mass_error)
 
@@ -181,7 +174,7 @@ class Impacts:
         )
 
     @cached_property
-    def common_depth(self) -> Float[Array, " impact"] | None:
+    def common_depth(self) -> Column | None:
         """Static force over depth at the one depth that every impact reaches [N/m]."""
         if self.side_by_side or not self.model.depends_on_depth:
             return None
@@ -192,22 +185,22 @@ class Impacts:
         return at_common_depth(self.element, arguments, record.common_depth) * heavier
 
     @cached_property
-    def noise(self) -> dict[str, Float[Array, " impact"]]:
+    def noise(self) -> dict[str, Column]:
         """The parameters of each trace's noise by name."""
         return trace_likelihood(self.model, self.data, self.u).noise_quantities()
 
     @cached_property
-    def inertia(self) -> Float[Array, " impact"]:
+    def inertia(self) -> Column:
         """M, and with it what tissue moves along [kg]."""
         return inertia(self.element, self.parameters, self.mass)
 
-    def omega_n(self) -> Float[Array, " impact"]:
+    def omega_n(self) -> Column:
         """(K / M)^1/2 [rad/s], K being K_secant and M all that moves."""
         if self.side_by_side or self.outcomes is None:
             return self.physical.omega_n
         return jnp.sqrt(self.outcomes.K_secant / self.inertia)
 
-    def zeta(self) -> Float[Array, " impact"]:
+    def zeta(self) -> Column:
         """C / (2 (K M)^1/2), K being K_secant, C C_equivalent and M all that moves."""
         if self.side_by_side or self.outcomes is None:
             return self.physical.zeta
@@ -245,16 +238,13 @@ QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
     "energy_lost": partial(_comparable, name="energy_lost"),
     COMMON_DEPTH: lambda impacts: impacts.common_depth,
     "discrepancy": lambda impacts: jnp.exp(impacts.u[-1]) if impacts.model.discrepancy else None,
-    "noise_correlation": lambda impacts: impacts.noise.get("noise_correlation"),
     **{name: partial(_outcome, name=name) for name in HEADFORM_OUTCOMES},
 }
 # Those of all impacts, and the further parameters of elements.
 NAMES = (*QUANTITIES, *dict.fromkeys(one.name for name in element_names() for one in element(name).extra))
 
 
-def named_quantities(
-    impacts: Impacts, names: Iterable[str] = QUANTITIES
-) -> dict[str, Float[Array, " impact"]]:
+def named_quantities(impacts: Impacts, names: Iterable[str] = QUANTITIES) -> dict[str, Column]:
     """Those of these quantities that the impacts have."""
     values = ((name, QUANTITIES[name](impacts)) for name in names)
     return {name: value for name, value in values if value is not None}

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Container, Hashable, Mapping, Sequence
 from typing import NamedTuple
 
+from bayestissue.base.declarations import declared
 from bayestissue.base.errors import Coded
 from bayestissue.mechanics.elements.outcomes import DECLARED, OUTCOMES, REFERENCE_OUTCOMES
 
@@ -25,21 +26,18 @@ ICC, SEM, MDC = "intraclass correlation", "standard error of measurement", "mini
 REPEATS = "repeats"
 # Above this overlap with the prior more than half of what is said of a quantity was said before the data.
 MOSTLY = 0.5
-# "These impacts" are those recorded, each person counting as often as hit. "A typical person" is the median
-# of the population that the people are drawn from; "a new person" is one more of that population, so that
-# the interval holds how people, conditions and impacts differ.
-_OF = {
-    "": "an impact",
-    "_cell": "a person in a condition",
-    "_subject": "a person at the reference mass",
-    "_trial": "a typical person in a condition, at the condition's mass",
-    "_typical_person": "a typical person at the reference mass",
-    "_new": "a new impact on a new person at the reference mass",
-}
-_OF_ONE_PERSON = {
-    "_trial": "this person in a condition, at the condition's mass",
-    "_typical_person": "this person at the reference mass",
-    "_new": "a new impact on this person at the reference mass",
+
+
+class Level(NamedTuple):
+    """Of whom K and C are where a name is followed so: an entry of ``levels`` in ``variables.toml``."""
+
+    of: str
+    of_one_person: str = ""
+    dims: Sequence[str] = ()
+
+
+LEVELS = {
+    suffix: Level(**entry) for suffix, entry in declared(__package__, "variables.toml")["levels"].items()
 }
 # Outcomes are those of the reference impact, which has the reference mass.
 _OF_OUTCOMES = ("_typical_person", "_new", "_subject")
@@ -49,6 +47,7 @@ _COMPARABLE = {"K": ("K_secant", "secant K"), "C": ("C_equivalent", "equivalent 
 SECANTS = {"K_common_depth": "K at the common depth", "K_secant": "K at each impact's greatest depth"}
 # Beside a discrepancy the tissue's stiffness, of all recorded impacts; no other run has it.
 TOGETHER = "K_secant_of_impacts"
+# "These impacts" are those recorded, each person counting as often as hit.
 _OF_IMPACTS = {
     "{name}_of_impacts": "these impacts together (geometric mean)",
     "{name}_of_subject": "a person's own impacts (geometric mean)",
@@ -128,4 +127,5 @@ def _table(levels: Mapping[str, str]) -> dict[str, Meaning]:
     }
 
 
-_of_several, _of_one_person = _table(_OF), _table(_OF | _OF_ONE_PERSON)
+_of_several = _table({suffix: level.of for suffix, level in LEVELS.items()})
+_of_one_person = _table({suffix: level.of_one_person or level.of for suffix, level in LEVELS.items()})

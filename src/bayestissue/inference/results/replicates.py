@@ -26,8 +26,7 @@ _NO_NOISE = 2.0**-80
 def predicted(prepared: Prepared, draws: Draws, seed: int) -> dict[str, np.ndarray]:
     """About a hundred replicates of every trace, as what the likelihood is of."""
     u = draws.impacts["parameters"]
-    if draws.kept_numbers is not None:
-        u = u[:, :, some_impacts(u.shape[2])].astype(float)
+    u = u[:, :, some_impacts(u.shape[2])].astype(float)
     chains, length = u.shape[:2]
     u = u[:, :: max(1, chains * length // PREDICTIVE_DRAWS)]
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), chains * u.shape[1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -21,16 +20,14 @@ from bayestissue.inference.quantities.secants import (
     mass_exponents_of_secants,
 )
 from bayestissue.inference.results.labels import (
-    design_attributes,
-    design_dimensions,
-    element_attributes,
+    Variable,
+    design_variables,
     labelled,
-    of_one_person,
+    variables,
 )
 from bayestissue.inference.results.replicates import PRIOR_PREDICTIVE_DRAWS, predicted, replicates
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.elements.head_injury import HEADFORM
-from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, common_depth
@@ -50,70 +47,48 @@ def posterior_tree(
     multiplies draws by impacts once more (predictions, priors, log densities) is of some impacts.
     """
     rng = np.random.default_rng(seed)
-    attributes = design_attributes(prepared.design) | _column_attributes(prepared)
-    put = partial(
+    further = design_variables(prepared.design) | {
+        f"column_{stem_of(n)}": Variable({"column": n, "long_name": f"the impact's {n}"}, ("impact",))
+        for n in _columns(prepared)
+    }
+    recorded, kept_numbers = prepared.design.recorded, draws.kept_numbers
+    some = some_of(prepared, some_impacts(len(prepared.impacts)))
+    of_impacts = partial(labelled, coordinates=_coordinates(some, kept_numbers), further=further)
+    of_all_impacts = partial(
         labelled,
-        dimensions=dimensions(prepared.design, prepared.data.record.errors, _columns(prepared)),
-        attributes=attributes,
+        coordinates=_coordinates(prepared, kept_numbers),
+        further=further,
+        thinned=() if kept_numbers is None else {*NAMES, *EXPONENTS, *prepared.data.record.errors},
     )
-    whole, recorded, kept_numbers = prepared, prepared.design.recorded, draws.kept_numbers
-    of_all_impacts = of_impacts = partial(put, coordinates=_coordinates(whole, kept_numbers))
-    if kept_numbers is not None:
-        prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
-        of_impacts = partial(put, coordinates=_coordinates(prepared, kept_numbers))
-        of_all_impacts = partial(
-            of_all_impacts, thinned=frozenset({*NAMES, *EXPONENTS, *prepared.data.record.errors})
-        )
-    values = quantities(whole, draws, rng) | mass_exponents_of_secants(whole, draws, seed)
+    values = quantities(prepared, draws, rng) | mass_exponents_of_secants(prepared, draws, seed)
     priors = compiled_quickly(specification.complete_priors().log_densities)(
         {name: array for name, array in draws.population.items() if name in values}
     )
     log_likelihood, posterior = draws.log_likelihood, of_all_impacts(values)
-    if whole.model.discrepancy:
+    if prepared.model.discrepancy:
         levels = {name: recorded.labels(name) for name in ("subject", *recorded.response("K").named_by)}
         together = comparable_draws(posterior[["K_secant"]], levels)
-        known = element_attributes() | attributes
-        posterior = posterior.assign({n: v.assign_attrs(known[n]) for n, v in together.items()})
-    groups = {
-        "posterior": posterior,
-        "sample_stats": statistics,
-        "log_likelihood": of_impacts({"trace": log_likelihood["trace"]}),
-        "log_likelihood_of_groups": of_impacts({k: v for k, v in log_likelihood.items() if k != "trace"}),
-        "log_prior": of_impacts({name: np.asarray(v) for name, v in priors.items()}),
-        "posterior_predictive": of_impacts(predicted(prepared, draws, seed)),
-        "observed_data": of_impacts(_observed(prepared), sampled=False),
-        "constant_data": of_all_impacts(_constants(whole), sampled=False),
-        **_prior_groups(prepared, of_impacts, seed, rng, single=kept_numbers is not None),
-    }
-    if len(whole.design.subjects) == 1:
-        for name in ("posterior", "prior"):
-            of_one_person(groups[name])
-    return xr.DataTree.from_dict(groups)
+        known = variables() | further
+        posterior = posterior.assign({n: v.assign_attrs(known[n].attrs) for n, v in together.items()})
+    return xr.DataTree.from_dict(
+        {
+            "posterior": posterior,
+            "sample_stats": statistics,
+            "log_likelihood": of_impacts({"trace": log_likelihood["trace"]}),
+            "log_likelihood_of_groups": of_impacts({k: v for k, v in log_likelihood.items() if k != "trace"}),
+            "log_prior": of_impacts({name: np.asarray(v) for name, v in priors.items()}),
+            "posterior_predictive": of_impacts(predicted(some, draws, seed)),
+            "observed_data": of_impacts(_observed(some), sampled=False),
+            "constant_data": of_all_impacts(_constants(prepared), sampled=False),
+            **_prior_groups(some, of_impacts, seed, rng, single=kept_numbers is not None),
+        }
+    )
 
 
 def _coordinates(prepared: Prepared, kept_numbers: np.ndarray | None) -> dict[str, Any]:
     levels = prepared.design.levels()
     names = {"impact": prepared.impacts["impact"].astype(str).tolist(), **levels}
     return names if kept_numbers is None else names | {"kept_draw": kept_numbers}
-
-
-def dimensions(
-    design: Design, errors: Iterable[str] = (), columns: Iterable[str] = ()
-) -> dict[str, tuple[str, ...]]:
-    """What follows chain and draw: of every variable that is no single number."""
-    stems = {name: stem_of(name) for name in design.groupings}
-    return {
-        **dict.fromkeys((*NAMES, *errors, "trace"), ("impact",)),
-        **{f"{name}_sd": ("impact",) for name in errors},
-        **design_dimensions(design),
-        **{f"traces_of_{stem}": (name,) for name, stem in stems.items()},
-        **{f"impact_{stem}": ("impact",) for stem in stems.values()},
-        **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "time_index")),
-        **dict.fromkeys(("force", "force_time"), ("impact", "force_index")),
-        **dict.fromkeys(("mass_kg", "velocity_m_s", "n_samples"), ("impact",)),
-        **dict.fromkeys(("sampling_interval_s", "first_sample_s"), ("impact",)),
-        **{f"column_{stem_of(name)}": ("impact",) for name in columns},
-    }
 
 
 def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
@@ -144,22 +119,18 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
             for name, grouping in prepared.design.groupings.items()
         },
         **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(record.errors)},
-        **{f"column_{stem_of(name)}": _values(prepared.impacts[name]) for name in _columns(prepared)},
+        **{
+            f"column_{stem_of(name)}": column.to_numpy(
+                float if pd.api.types.is_numeric_dtype(column) else str
+            )
+            for name, column in prepared.impacts[_columns(prepared)].items()
+        },
     }
 
 
 def _columns(prepared: Prepared) -> list[str]:
     """The columns of the impacts that formulas may name and that stand nowhere else."""
     return [str(name) for name in prepared.impacts if name not in RESERVED and "/" not in str(name)]
-
-
-def _values(column: pd.Series) -> np.ndarray:
-    return column.to_numpy(float if pd.api.types.is_numeric_dtype(column) else str)
-
-
-def _column_attributes(prepared: Prepared) -> dict[str, dict[str, str]]:
-    names = _columns(prepared)
-    return {f"column_{stem_of(n)}": {"column": n, "long_name": f"the impact's {n}"} for n in names}
 
 
 def _prior_groups(

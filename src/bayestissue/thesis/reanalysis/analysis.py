@@ -20,9 +20,10 @@ from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.results.cross_validation import prior_sensitivity
 from bayestissue.inference.results.labels import (
-    design_attributes,
-    design_dimensions,
+    Variable,
+    design_variables,
     labelled,
+    variables,
 )
 from bayestissue.inference.results.summary import summarise
 from bayestissue.inference.samplers.diagnostics import diagnose
@@ -160,14 +161,8 @@ def _checks(tree: xr.DataTree, observations: PublishedObservations) -> pd.DataFr
 
 
 _CONDITION = ("mass_kg", "velocity_m_s", "energy_J")
-_DIMENSIONS: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys((*RESPONSES, "estimates", "impact_subject", "impact_trial"), ("impact",)),
-    **{f"{q}_cell": ("subject", "trial") for q in RESPONSES},
-    **{f"{q}_observed": ("impact",) for q in RESPONSES},
-    **{f"{q}_{name}": ("averaged_trial",) for q in RESPONSES for name in ("average", "sd")},
-    "averages": ("averaged_trial",),
-    **dict.fromkeys(_CONDITION, ("trial",)),
-}
+# Of what no fit of traces has, or has of each impact.
+_DIMENSIONS = {"estimates": "impact", "averages": "averaged_trial", **dict.fromkeys(_CONDITION, "trial")}
 
 
 @dataclass(frozen=True)
@@ -179,16 +174,19 @@ class _Results:
     observations: PublishedObservations
 
     def _labelled(self, values: Mapping[str, np.ndarray], *, sampled: bool = True) -> xr.Dataset:
-        published = self.observations
+        published, known = self.observations, variables()
+        further = {
+            name: Variable(known[name].attrs if name in known else {"unit": "1"}, (dimension,))
+            for name, dimension in _DIMENSIONS.items()
+        }
         return labelled(
             values,
-            dimensions=_DIMENSIONS | design_dimensions(self.design),
-            coordinates={
+            {
                 "impact": published.impacts,
                 **self.design.levels(),
                 "averaged_trial": published.averaged_trials,
             },
-            attributes=design_attributes(self.design),
+            further | design_variables(self.design),
             sampled=sampled,
         )
 
