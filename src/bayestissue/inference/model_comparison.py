@@ -21,14 +21,12 @@ from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
 from bayestissue.inference.quantities.secants import OF_IMPACTS, OF_PEOPLE, comparable_draws
 from bayestissue.inference.results.cross_validation import (
     above_limit,
-    densities_of,
     high,
     leave_one_out,
     scheme_words,
     schemes,
 )
-from bayestissue.inference.results.labels import unit_of
-from bayestissue.inference.results.meanings import meaning
+from bayestissue.inference.results.meanings import UNITS, meaning
 from bayestissue.inference.samplers.sampling import interval
 from bayestissue.mechanics.elements.outcomes import DECLARED, REFERENCE_OUTCOMES
 
@@ -42,17 +40,14 @@ BY_TRIAL = "leave one trial out"
 FEW = 30
 
 
-def by_importance(
-    trees: Mapping[str, xr.DataTree], variable: str, scheme: str, elements: str = "impacts"
-) -> pd.DataFrame:
+def by_importance(trees: Trees, scheme: str, elements: str = "impacts") -> pd.DataFrame:
     """Leave-one-out accuracy by Pareto-smoothed importance sampling, with stacking weights.
 
     Vehtari, Gelman and Gabry (2017), doi:10.1007/s11222-016-9696-4; Yao et al. (2018),
     doi:10.1214/17-BA1091.
 
     Args:
-        trees: by model, the groups ``posterior`` and ``log_likelihood``.
-        variable: the log densities [chain, draw, element] of what is left out in turn.
+        trees: by model, as of `leave_one_out`.
         scheme: what the table calls it.
         elements: what they are, in the plural.
 
@@ -61,16 +56,17 @@ def by_importance(
         its threshold (`k_threshold`), and says where people or conditions are too few for a standard error to
         be trusted.
     """
-    scores = {name: leave_one_out(tree, variable) for name, tree in trees.items()}
+    scores = {name: leave_one_out(tree) for name, tree in trees.items()}
     pointwise = {name: score.elpd_i.to_numpy().ravel() for name, score in scores.items()}
     table = _table(scheme, pointwise)
     weights = _stacking_weights(scores)
     table["p_effective"] = [float(scores[name].p) for name in table["model"]]
     table["weight"] = [weights[name] for name in table["model"]]
     few = "" if scheme == BY_IMPACT else _few(len(next(iter(pointwise.values()))), elements)
-    table["warning"] = [
-        "; ".join(filter(None, (_high(scores[name], elements), few))) for name in table["model"]
-    ]
+    for row, name in enumerate(table["model"]):
+        above = high(scores[name])
+        said = f"{above.sum()} of {above.size} {elements} with {above_limit(scores[name])}"
+        table.loc[row, "warning"] = "; ".join(filter(None, (said if above.any() else "", few)))
     return table
 
 
@@ -91,11 +87,6 @@ def _stacking_weights(scores: Mapping[str, Any]) -> dict[str, float]:
         warnings.simplefilter("ignore", UserWarning)
         weights = az.compare(relative, method="stacking", round_to="none")["weight"]
     return {name: float(weights[name]) for name in scores}
-
-
-def _high(score: Any, elements: str) -> str:
-    count = int(high(score).sum())
-    return f"{count} of {score.pareto_k.size} {elements} with {above_limit(score)}" if count else ""
 
 
 def _few(count: int, elements: str) -> str:
@@ -138,17 +129,13 @@ OF_OUTCOMES = {
     for level in ("typical_person", "new", "subject")
     for name in REFERENCE_OUTCOMES
 }
-_UNITS = OF_OUTCOMES | {
-    name: "N/m" if name.startswith("K") else "N s/m" for name in (*OF_IMPACTS, *OF_PEOPLE)
-}
 _OF_LEVELS = ("K_typical_person", "C_typical_person", "K_new", "C_new", "K_subject", "C_subject")
-COMPARED = (
-    *("mass_exponent_K", *OF_SECANTS, "mass_exponent_C"),
-    *OF_IMPACTS,
-    *OF_PEOPLE,
-    *_OF_LEVELS,
-    *OF_OUTCOMES,
-)
+# All that is compared, by its name, with its unit.
+COMPARED = {
+    **dict.fromkeys(("mass_exponent_K", *OF_SECANTS, "mass_exponent_C"), "1"),
+    **{name: UNITS[name[0]] for name in (*OF_IMPACTS, *OF_PEOPLE, *_OF_LEVELS)},
+    **OF_OUTCOMES,
+}
 _ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
 # Far above rounding, far below any recorder's resolution.
 _SAME = 1e-9
@@ -171,19 +158,17 @@ def compare_runs(trees: Trees, models: Models) -> pd.DataFrame:
     """
     groups = of_same_numbers(trees, models)
     names = _data_names([models[group[0]] for group in groups])
-    parts = []
-    for dimension in dict.fromkeys(each for tree in trees.values() for each in schemes(tree)):
+    parts, schemes_of = [], {name: schemes(tree) for name, tree in trees.items()}
+    for dimension in dict.fromkeys(each for of_run in schemes_of.values() for each in of_run):
         for data, group in zip(names, groups, strict=True):
-            first, *of_others = [schemes(trees[name]) for name in group]
-            if not all(dimension in of_one for of_one in (first, *of_others)):
+            if not all(dimension in schemes_of[name] for name in group):
                 continue
             levels = trees[group[0]]["log_likelihood_of_groups"].dataset.get(dimension, (0, 0))
             if len(levels) < 2:
                 continue
-            densities = {name: densities_of(trees[name], dimension) for name in group}
+            densities = {name: schemes_of[name][dimension] for name in group}
             elements = _ELEMENTS.get(dimension, f"levels of {dimension}")
-            scheme = scheme_words(dimension)
-            table = by_importance(densities, first[dimension][1], scheme, elements).assign(data=data)
+            table = by_importance(densities, scheme_words(dimension), elements).assign(data=data)
             if len(group) == 1:
                 table[["elpd_difference", "se_difference", "weight"]] = np.nan
             others = [name for name in trees if name not in group]
@@ -249,7 +234,7 @@ def posteriors_by_run(runs: Mapping[str, Study]) -> pd.DataFrame:
     """
     table = joined("posteriors", [part for name, run in runs.items() for part in _quantiles(name, run)])
     order = table.assign(
-        _variable=table["variable"].map(COMPARED.index), _run=table["run"].map(list(runs).index)
+        _variable=table["variable"].map(list(COMPARED).index), _run=table["run"].map(list(runs).index)
     )
     ordered = order.sort_values(["_variable", "label", "_run"], kind="stable").index
     return table.loc[ordered].reset_index(drop=True)
@@ -267,11 +252,12 @@ def _quantiles(name_of_run: str, run: Study) -> list[pd.DataFrame]:
     for name, array in {**together, **typical, **_outcomes(run)}.items():
         by_person = array if "subject" in array.dims else array.expand_dims(subject=[""])
         ends, labels = interval(by_person), by_person["subject"].astype(str).to_numpy().tolist()
-        unit = _UNITS.get(name) or unit_of(name)
         person = meaning(name, people=people).level
         table = pd.DataFrame({"label": labels, "median": ends["median"], "variable": name})
         table = table.assign(eti90_low=ends["low"], eti90_high=ends["high"])
-        tables.append(table.assign(of=person, unit=unit, run=name_of_run, draws=array.size // len(labels)))
+        tables.append(
+            table.assign(of=person, unit=COMPARED[name], run=name_of_run, draws=array.size // len(labels))
+        )
     return tables
 
 
@@ -318,7 +304,6 @@ def same_questions(tables: Mapping[str, Mapping[str, pd.DataFrame]]) -> pd.DataF
                 rows = frame.assign(question=question, kind=kind, value=value)[value.notna()]
             parts.append(rows.assign(run=run)[columns_of("answers")])
     table = joined("answers", parts).drop_duplicates(["question", "run"], ignore_index=True)
-    order = {question: at for at, question in enumerate(dict.fromkeys(table["question"]))}
-    return table.sort_values(
-        "question", key=lambda column: column.map(order), kind="stable", ignore_index=True
-    )
+    # As the questions first stand.
+    order = np.argsort(table["question"].factorize()[0], kind="stable")
+    return table.iloc[order].reset_index(drop=True)

@@ -51,7 +51,7 @@ RIGHT, WRONG = (norm(MEAN[..., None] + off, 1).logpdf(Y) for off in (0.0, 1.0))
 
 def compared(scheme: str = BY_IMPACT, unit: str = "impacts", **models: np.ndarray) -> pd.DataFrame:
     trees = {name: tree(log_likelihood) for name, log_likelihood in models.items()}
-    return by_importance(trees, "estimates", scheme, unit).set_index("model")
+    return by_importance(trees, scheme, unit).set_index("model")
 
 
 def test_leave_one_impact_out_agrees_with_the_exact_answer() -> None:

@@ -19,7 +19,7 @@ from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.results import uncertainty_budget as sources
-from bayestissue.inference.results.error_sources import TraceErrors, trace_errors
+from bayestissue.inference.results.error_sources import trace_errors
 from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
 from bayestissue.model.hierarchy.specification import read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
@@ -102,14 +102,15 @@ def by_quadrature(given: Prepared, u: np.ndarray, covariance: np.ndarray) -> np.
 
 def test_parts_are_those_of_brute_force(given: Prepared, u: np.ndarray) -> None:
     errors = trace_errors(given, u, RIDGE)
+    N = sum(errors.values())
     # Likelihoods are normal but for terms of the order of their width, a hundredth, which move a variance by
     # a few hundredths at most.
-    whole = by_quadrature(given, u, errors.total)
-    assert_allclose(errors.total[:, 0, 0], whole, rtol=0.05)
+    whole = by_quadrature(given, u, N)
+    assert_allclose(N[:, 0, 0], whole, rtol=0.05)
     for name, column in COLUMN.items():
         # The derivative by the log of the error's variance, over the same step twice as large.
-        ends = [by_quadrature(scaled(given, column, np.exp(s * 0.1)), u, errors.total) for s in (1, -1)]
-        assert_allclose(errors.parts[name][:, 0, 0] / whole, (ends[0] - ends[1]) / 0.4 / whole, atol=0.02)
+        ends = [by_quadrature(scaled(given, column, np.exp(s * 0.1)), u, N) for s in (1, -1)]
+        assert_allclose(errors[name][:, 0, 0] / whole, (ends[0] - ends[1]) / 0.4 / whole, atol=0.02)
 
 
 def drawn(given: Prepared, u: np.ndarray) -> Draws:
@@ -152,7 +153,7 @@ def test_a_new_person_differs_by_the_spreads(table: pd.DataFrame) -> None:
 
 
 def test_an_impact_s_interval_is_that_of_all_its_sources(given, u, table) -> None:
-    N = trace_errors(given, u, RIDGE).total
+    N = sum(trace_errors(given, u, RIDGE).values())
     own = np.diag([SPREADS["sd_impact"] ** 2] * 2 + [0.3**2])
     measured = N + 0.002**2 * np.outer([1, 1, 0], [1, 1, 0])
     V = np.linalg.inv(np.linalg.inv(own) + np.linalg.inv(measured))[:, 0, 0]
@@ -162,7 +163,7 @@ def test_an_impact_s_interval_is_that_of_all_its_sources(given, u, table) -> Non
 
 
 def test_a_trace_alone_has_its_own_errors_and_the_mass_s(given, u, table) -> None:
-    N = trace_errors(given, u, RIDGE).total
+    N = sum(trace_errors(given, u, RIDGE).values())
     for place, q in enumerate("KC"):
         measured = np.median(N[:, place, place] + 0.002**2)
         # Where the population would add a millionth of what it says.
@@ -198,8 +199,7 @@ def test_a_mass_that_impacts_share_is_a_source_of_the_mean(monkeypatch, whose, e
     given = replace(given, model=replace(given.model, log_mass_sd=0.2))
     u = np.zeros((PEOPLE * CONDITIONS, 3))
     alone = np.tile(1e-6 * np.eye(3), (len(u), 1, 1))
-    known = TraceErrors(alone, {"noise": alone})
-    monkeypatch.setattr(sources, "trace_errors", lambda *_: known)
+    monkeypatch.setattr(sources, "trace_errors", lambda *_: {"noise": alone})
     found = uncertainty_budget(given, drawn(given, u))
     found = found.set_index(["level", "quantity", "source"]).sort_index()
     for q in "KC":

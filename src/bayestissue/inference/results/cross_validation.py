@@ -19,7 +19,7 @@ from scipy.special import logsumexp
 from bayestissue.base.errors import Coded
 from bayestissue.base.results.tables import joined
 from bayestissue.inference.samplers.convergence import effective_size, elements_of
-from bayestissue.inference.samplers.psis import k_threshold
+from bayestissue.inference.samplers.sampling import k_threshold
 
 
 def above_limit(score: Any) -> Coded:
@@ -27,17 +27,17 @@ def above_limit(score: Any) -> Coded:
     return Coded.stated("pareto-k.score", limit=k_threshold(score.n_samples))
 
 
-def leave_one_out(tree: xr.DataTree, variable: str, reff: float | None = None) -> Any:
+def leave_one_out(tree: xr.DataTree, reff: float | None = None) -> Any:
     """ArviZ's scores: elpd_i and pareto_k of each element, and the effective number of parameters p.
 
     Args:
-        tree: the groups ``posterior`` and ``log_likelihood``.
-        variable: the log densities [chain, draw, element] of what is left out in turn.
+        tree: the groups ``posterior`` and ``log_likelihood``, whose one variable has the log densities
+            [chain, draw, element] of what is left out in turn.
         reff: the `relative_size` of the draws, if it is at hand.
     """
     import arviz_stats as az
 
-    options = {"var_name": variable, "reff": relative_size(tree) if reff is None else reff, "pointwise": True}
+    options = {"reff": relative_size(tree) if reff is None else reff, "pointwise": True}
     with warnings.catch_warnings():
         # A high pareto_k stands in the tables.
         warnings.simplefilter("ignore", UserWarning)
@@ -45,7 +45,7 @@ def leave_one_out(tree: xr.DataTree, variable: str, reff: float | None = None) -
             return az.loo(tree, **options)
         except ValueError:
             # Nearly all draws are one and the same, so that the weights have no tail to be smoothed.
-            return az.loo(tree, **options, **_unsmoothed(tree, variable))
+            return az.loo(tree, **options, **_unsmoothed(tree))
 
 
 def high(score: Any) -> np.ndarray:
@@ -64,9 +64,9 @@ def relative_size(tree: xr.DataTree) -> float:
     return float(np.nanmean(effective_size(draws)) / (chains * length)) if chains > 1 else 1.0
 
 
-def _unsmoothed(tree: xr.DataTree, variable: str) -> dict[str, xr.DataArray]:
+def _unsmoothed(tree: xr.DataTree) -> dict[str, xr.DataArray]:
     """Plain importance weights, of which nothing vouches for any: Pareto k̂ is infinite."""
-    log_weights = -tree["log_likelihood"].dataset[variable]
+    (log_weights,) = (-densities for densities in tree["log_likelihood"].dataset.data_vars.values())
     axes = tuple(log_weights.get_axis_num(("chain", "draw")))
     log_weights = log_weights - logsumexp(log_weights.to_numpy(), axis=axes, keepdims=True)
     pareto_k = xr.full_like(log_weights.isel(chain=0, draw=0, drop=True), np.inf)
@@ -84,12 +84,11 @@ def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
     parameters and effects integrated out in closed form; ``warning`` where Pareto k is above its threshold.
     """
     tables, reff = [], relative_size(tree)
-    for dimension, (_, variable) in schemes(tree).items():
-        only = densities_of(tree, dimension)
+    for dimension, only in schemes(tree).items():
         labels = only["log_likelihood"].dataset[dimension].to_numpy()
         if len(labels) < 2:
             continue
-        score = leave_one_out(only, variable, reff)
+        score = leave_one_out(only, reff)
         columns = {
             "label": labels.astype(str),
             "elpd": score.elpd_i.to_numpy().ravel(),
@@ -100,26 +99,25 @@ def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
     return joined("cross_validation", tables)
 
 
-def schemes(tree: xr.DataTree) -> dict[str, tuple[str, str]]:
-    """What can be left out of a fit: by dimension the group and variable of its log densities."""
+def schemes(tree: xr.DataTree) -> dict[str, xr.DataTree]:
+    """What can be left out of a fit: by dimension the posterior, with its log densities alone."""
+    posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
     of_groups = tree["log_likelihood_of_groups"].dataset
-    variables = {"impact": ("log_likelihood", "trace")}
-    for name in of_groups.data_vars:
-        if str(name).startswith("traces_of_"):
-            variables[str(of_groups[name].dims[-1])] = ("log_likelihood_of_groups", str(name))
-    return variables
+    densities = {"impact": tree["log_likelihood"].dataset[["trace"]]}
+    densities |= {
+        str(of_groups[name].dims[-1]): of_groups[[name]]
+        for name in of_groups.data_vars
+        if str(name).startswith("traces_of_")
+    }
+    return {
+        dimension: xr.DataTree.from_dict({"posterior": posterior, "log_likelihood": of_one})
+        for dimension, of_one in densities.items()
+    }
 
 
 def scheme_words(dimension: str) -> str:
     """What tables call leaving out one of a dimension."""
     return f"leave one {dimension} out"
-
-
-def densities_of(tree: xr.DataTree, dimension: str) -> xr.DataTree:
-    """The posterior with the log densities of one of `schemes` alone."""
-    group, variable = schemes(tree)[dimension]
-    posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
-    return xr.DataTree.from_dict({"posterior": posterior, "log_likelihood": tree[group].dataset[[variable]]})
 
 
 def prior_sensitivity(tree: xr.DataTree) -> pd.DataFrame:

@@ -9,7 +9,6 @@ dN / d log s_a^2, and the noise has what is left.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jax import Array
@@ -30,28 +29,16 @@ NOISE, ELEMENT = "noise", "element"
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
 _OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "noise_force")
 
-Matrices = Float[np.ndarray, "impact parameter parameter"]
-
-
-@dataclass(frozen=True)
-class TraceErrors:
-    """Covariance of what traces alone tell of u.
-
-    Attributes:
-        total: N.
-        parts: by source, what it adds to N; they add up to N.
-    """
-
-    total: Matrices
-    parts: dict[str, Matrices]
+# By source of error, what it adds to N: they add up to that.
+Parts = dict[str, Float[np.ndarray, "impact parameter parameter"]]
 
 
 def trace_errors(
     prepared: Prepared,
     u: Float[np.ndarray, "impact parameter"],
     ridge: Float[np.ndarray, "parameter parameter"],
-) -> TraceErrors:
-    """N and its parts.
+) -> Parts:
+    """The parts of N.
 
     Args:
         prepared: the model and its data. A uniform error counts as a normal one of its standard deviation.
@@ -86,8 +73,8 @@ def by_source(
     shared: Float[np.ndarray, "impact error shock"],
     sources: Sequence[str],
     ridge: Float[np.ndarray, "parameter parameter"] | float = 0.0,
-) -> TraceErrors:
-    """N and its parts from J and A, whose columns have these sources; without those that have no error."""
+) -> Parts:
+    """The parts of N from J and A, whose columns have these sources; without those that have no error."""
     # J' W J = r' r, r being what least squares by A, an error costing its square, leave of J: no difference
     # of large numbers where errors are far above the noise.
     impacts, parameters, count = *slopes.shape[:2], shared.shape[1]
@@ -98,10 +85,10 @@ def by_source(
     gain, left = np.linalg.solve(triangle, along).mT, target - basis @ along
     covariance = np.linalg.inv(left.mT @ left + ridge)
     moved = covariance @ gain
-    parts: dict[str, Matrices] = {}
+    parts: Parts = {}
     for number, source in enumerate(sources):
         if shared[:, number].any():
             part = moved[:, :, None, number] * moved[:, None, :, number]
             parts[source] = parts.get(source, 0.0) + part
     others = sum(parts.values(), np.zeros_like(covariance))
-    return TraceErrors(covariance, {NOISE: covariance - others, **parts})
+    return {NOISE: covariance - others, **parts}

@@ -40,7 +40,9 @@ def _of_variable(name: str, array: xr.DataArray) -> pd.DataFrame:
     array = array.rename(kept_draw="draw") if thinned else array
     draws = elements_of(array)
     flat = draws.reshape(len(draws), -1)
-    mean, sd = _moments(flat)
+    # Open where a draw is infinite.
+    known = np.where(np.isinf(flat), np.nan, flat)
+    mean, sd = known.mean(axis=1), known.std(axis=1, ddof=1)
     # By the usual rule 90 % intervals of a hundred draws would hold 88 %.
     ends = quantiles(flat, list(QUANTILES.values()), "weibull" if thinned else "linear")
     columns = {
@@ -58,14 +60,6 @@ def _of_variable(name: str, array: xr.DataArray) -> pd.DataFrame:
         columns |= {"ess_bulk": sampled.ess_bulk, "ess_tail": sampled.ess_tail, "r_hat": sampled.r_hat}
         columns["mcse_mean"] = sd / np.sqrt(sampled.ess_mean)
     return pd.DataFrame(columns).reindex(columns=COLUMNS)
-
-
-def _moments(
-    draws: Float[np.ndarray, "quantity draw"],
-) -> tuple[Float[np.ndarray, " quantity"], Float[np.ndarray, " quantity"]]:
-    """Mean and standard deviation, open where a draw is infinite."""
-    known = np.where(np.isinf(draws), np.nan, draws)
-    return known.mean(axis=1), known.std(axis=1, ddof=1)
 
 
 def _labels(array: xr.DataArray) -> list[str]:

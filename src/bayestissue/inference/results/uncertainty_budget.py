@@ -10,9 +10,8 @@ impacts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +39,8 @@ from bayestissue.model.hierarchy.responses import RESPONSES, intercept
 from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.model.hierarchy.trace_models import GAIN, TraceModel
 
-type Variance = float | Float[np.ndarray, " impact"]
+# By source, its part of the variances of log K and log C.
+type Account = Mapping[str, Float[np.ndarray, "*impact response"]]
 
 IMPACT, TYPICAL_PERSON, NEW_PERSON = "impact", "typical person", "new person"
 TRACE = "trace alone"
@@ -91,8 +91,8 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
     middle = _variances(part, _middle(part, draws, np.median))
     errors = trace_errors(part, u, _RIDGE * np.linalg.inv(sum(middle.scatter.values())))
     own_mass = part.model.own_mass_sd**2 * np.pad(np.ones((2, 2)), (0, u.shape[1] - 2))
-    measured = {**errors.parts, MASS: np.broadcast_to(own_mass, errors.total.shape)}
-    drawn = {q: np.var(np.log(draws.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
+    measured = {**errors, MASS: np.broadcast_to(own_mass, errors[NOISE].shape)}
+    drawn = np.stack([np.var(np.log(draws.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES], axis=-1)
     if many and part.model.gain:
         # Of what the population leaves open the gain alone counts then, as the draws have it.
         drawn_gain = np.var(draws.population[intercept(GAIN)])
@@ -100,43 +100,30 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
         middle = middle._replace(effects={**middle.effects, COMMON_GAIN: of_gain})
     of_impacts = _of_impacts(middle._replace(measured=measured), float(not many))
     known = [*measured, *middle.scatter, *[PERSON_AND_CONDITION] * (not many)]
-    of_traces = _of_traces(part.model, measured)
     tables = [
-        _shares(IMPACT, _with_masses(_by_response(of_impacts, known), draws), drawn),
-        _shares(TRACE, _by_response(of_traces, of_traces)),
+        _shares(IMPACT, _with_masses({name: np.asarray(of_impacts[name]) for name in known}, draws), drawn),
+        _shares(TRACE, _of_traces(part.model, measured)),
     ]
-    typical = {q: float(np.var(typical_logs(prepared.design, draws.population, q))) for q in RESPONSES}
-    means: dict[str, dict[str, Any]] = {q: {PERSON_AND_CONDITION: typical[q]} for q in RESPONSES}
+    typical = np.array([np.var(typical_logs(prepared.design, draws.population, q)) for q in RESPONSES])
+    means: Account = {PERSON_AND_CONDITION: typical}
     if not many:
         # Variances of means are linear in those of the hyperparameters, whose posteriors have long tails.
         middle = _variances(part, _middle(part, draws, _root_mean_square))
         of_means = _of_means(middle._replace(measured=measured), _means(part))
         names = [*measured, *middle.scatter, *middle.effects]
-        means = _with_masses(_by_response(of_means, names), draws)
+        means = _with_masses({name: np.asarray(of_means[name]) for name in names}, draws)
         tables.append(_shares(TYPICAL_PERSON, means, typical))
-    added = {q: _new_levels(prepared, draws, q) for q in RESPONSES}
-    of_new = {q: _summed(means[q], {PEOPLE: 0.0, CONDITIONS: 0.0}, added[q]) for q in RESPONSES}
-    whole = {q: typical[q] + sum(added[q].values()) for q in RESPONSES}
-    tables.append(_shares(NEW_PERSON, of_new, whole))
+    added = _new_levels(prepared, draws)
+    of_new = {**means, **{name: means.get(name, 0.0) + variance for name, variance in added.items()}}
+    tables.append(_shares(NEW_PERSON, of_new, typical + sum(added.values())))
     return joined("interval_sources", tables)
 
 
-def _summed[Value](*parts: Mapping[str, Value]) -> dict[str, Value]:
-    """What several accounts by source have of each source together."""
-    total: dict[str, Any] = {}
-    for source, value in (item for part in parts for item in part.items()):
-        total[source] = total[source] + value if source in total else value
-    return total
-
-
-def _with_masses[Value](
-    by_response: Mapping[str, Mapping[str, Value]], draws: Draws
-) -> dict[str, dict[str, Value]]:
+def _with_masses(account: Account, draws: Draws) -> Account:
     """With the variance of what all declared masses are to be multiplied by, where a force tells of it."""
     if MASS_FACTOR not in draws.population:
-        return {q: dict(by_source) for q, by_source in by_response.items()}
-    variance: Any = float(np.var(np.log(draws.population[MASS_FACTOR])))
-    return {q: _summed(by_source, {MASS: variance}) for q, by_source in by_response.items()}
+        return account
+    return {**account, MASS: account[MASS] + np.var(np.log(draws.population[MASS_FACTOR]))}
 
 
 def _middle(prepared: Prepared, draws: Draws, middle: Callable[[np.ndarray], np.floating]) -> Hyperparameters:
@@ -197,7 +184,13 @@ class _Variances(NamedTuple):
 
 def _variances(prepared: Prepared, hyperparameters: Hyperparameters) -> _Variances:
     """The hierarchy at these standard deviations, without traces."""
-    design, locations, sources = prepared.data.design, prepared.model.locations, _sources(prepared)
+    design, locations = prepared.data.design, prepared.model.locations
+    # What each unknown standard deviation of effects is a source by.
+    sources = {
+        term.sd(q): _TERMS.get(term, f"{term.slope and f'{term.slope} by '}{term.grouping}")
+        for q, part in prepared.design.responses.items()
+        for term in part.terms
+    }
     arrays = _dense(prepared.model, design._replace(cell=np.zeros(0, int)), hyperparameters)
     covariances, columns = jax.device_get(arrays)
     names = (*_SHARED.values(), PEOPLE, CONDITIONS, *sources.values(), PRIORS)
@@ -233,10 +226,8 @@ def _of_means(
 
 
 @compiled_quickly
-def _of_impacts(
-    variances: _Variances, whole: Float[Array, ""]
-) -> dict[str, Float[Array, "impact parameter"]]:
-    """Each source's part of the variance of the impacts' parameters.
+def _of_impacts(variances: _Variances, whole: Float[Array, ""]) -> dict[str, Float[Array, "impact response"]]:
+    """Each source's part of the variances of the impacts' log K and log C.
 
     Of what is not known of b that of errors that impacts share counts by itself, the rest is
     `PERSON_AND_CONDITION`. Where the data are not ``whole`` but 0 that rest counts as known, and of errors of
@@ -256,7 +247,8 @@ def _of_impacts(
         given_means = jnp.linalg.inv(jnp.linalg.inv(scatter) + jnp.linalg.inv(measured))
         _, _, effects = variances.at(one | {name: factor[name] for name in _SHARED.values()})
         covariance = jnp.linalg.inv(told + jnp.diag(1 / effects))
-        return jnp.diagonal(given_means, axis1=1, axis2=2) + ((pulled @ covariance) * pulled).sum(-1)
+        of_all = jnp.diagonal(given_means, axis1=1, axis2=2) + ((pulled @ covariance) * pulled).sum(-1)
+        return of_all[:, : len(RESPONSES)]
 
     parts = jax.jacfwd(variance)(one)
     return parts | {PERSON_AND_CONDITION: variance(one) - sum(parts.values())}
@@ -264,7 +256,7 @@ def _of_impacts(
 
 def _of_traces(
     model: TraceModel, measured: Mapping[str, Float[np.ndarray, "impact parameter parameter"]]
-) -> dict[str, Float[np.ndarray, "impact response"]]:
+) -> Account:
     """Each source's part of the variances that the traces alone leave log K and log C.
 
     A trace tells a gain that all impacts share beside its own K and C, and declared is a standard deviation
@@ -299,44 +291,29 @@ def _means(prepared: Prepared) -> Float[np.ndarray, "response location"]:
     return means
 
 
-def _by_response(
-    parts: Mapping[str, Array | np.ndarray], names: Iterable[str]
-) -> dict[str, dict[str, np.ndarray]]:
-    """The first parameters' parts by these sources."""
-    return {q: {name: np.asarray(parts[name])[..., at] for name in names} for at, q in enumerate(RESPONSES)}
-
-
-def _sources(prepared: Prepared) -> dict[str, str]:
-    """What each unknown standard deviation of effects is a source by."""
-    return {
-        term.sd(q): _TERMS.get(term, f"{term.slope and f'{term.slope} by '}{term.grouping}")
-        for q, part in prepared.design.responses.items()
-        for term in part.terms
-    }
-
-
-def _new_levels(prepared: Prepared, draws: Draws, response: str) -> dict[str, float]:
+def _new_levels(prepared: Prepared, draws: Draws) -> Account:
     """The variances that a new level of every grouping and a new impact add at the reference mass."""
-    terms = prepared.design.responses[response].terms
-    sd = {_TERMS.get(term, term.grouping): term.sd(response) for term in terms if not term.slope}
-    sd[IMPACTS] = f"sd_impact_{response}"
-    return {source: float(np.mean(draws.population[name] ** 2)) for source, name in sd.items()}
+    added = {PEOPLE: np.zeros(len(RESPONSES)), CONDITIONS: np.zeros(len(RESPONSES))}
+    for at, q in enumerate(RESPONSES):
+        terms = prepared.design.responses[q].terms
+        sd = {_TERMS.get(term, term.grouping): term.sd(q) for term in terms if not term.slope}
+        for source, name in {**sd, IMPACTS: f"sd_impact_{q}"}.items():
+            variances = added.setdefault(source, np.zeros(len(RESPONSES)))
+            variances[at] = np.mean(draws.population[name] ** 2)
+    return added
 
 
 def _shares(
-    level: str,
-    by_response: Mapping[str, Mapping[str, Variance]],
-    drawn: Mapping[str, Variance] = MappingProxyType({}),
+    level: str, account: Account, drawn: Float[np.ndarray, "*impact response"] | None = None
 ) -> pd.DataFrame:
     """Rows of the variances by response and source; their sum is the total."""
+    total = sum(account.values(), np.zeros(()))
+    sources = {**account, ALL: total, **({} if drawn is None else {DRAWN: drawn})}
     rows = []
-    for response, by_source in by_response.items():
-        total = sum(by_source.values())
-        sources = {**by_source, ALL: total, **({DRAWN: drawn[response]} if drawn else {})}
-        rows += [
-            (level, response, name, float(np.mean(v / total)), float(np.sqrt(max(np.median(v), 0.0))))
-            for name, v in sources.items()
-        ]
+    for at, q in enumerate(RESPONSES):
+        for name, variance in sources.items():
+            share, middle = np.mean((variance / total)[..., at]), np.median(variance[..., at])
+            rows.append((level, q, name, float(share), float(np.sqrt(max(middle, 0.0)))))
     return table_of_rows("interval_sources", rows)
 
 

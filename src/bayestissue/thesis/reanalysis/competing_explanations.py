@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 from bayestissue.base.result import silent
 from bayestissue.inference import model_comparison
 from bayestissue.inference.execution.chunks import Progress
-from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
+from bayestissue.inference.samplers.sampling import k_threshold, pareto_smoothed
 from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.thesis.reanalysis.table_chain import (
     EstimatesPosterior,
@@ -64,7 +64,7 @@ def compare_explanations(
         score = partial(log_predictive_density, model, posterior, settings=settings, seed=seed)
         scores[name] = np.array([score(rows) for rows in held_out])
     progress(len(explanations), len(explanations))
-    by_impact = model_comparison.by_importance(trees, "estimates", model_comparison.BY_IMPACT)
+    by_impact = model_comparison.by_importance(trees, model_comparison.BY_IMPACT)
     by_impact["p_effective"] = by_impact["model"].map(fitted) - by_impact["elpd"]
     return pd.concat([by_impact, model_comparison.by_trial(scores)], ignore_index=True)
 
