@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
+from bayestissue.inference.samplers.sampling import k_threshold, pareto_smoothed
 
 
 def test_draws_without_weight_get_none_and_leave_the_others_as_they_are() -> None:

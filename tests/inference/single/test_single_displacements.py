@@ -13,7 +13,7 @@ from by_grid import quantiles_by_grid
 
 import bayestissue as bt
 from bayestissue.base.resources import shared
-from bayestissue.inference.points.notes import C_UNTOLD
+from bayestissue.inference.points.notes import UNTOLD
 from bayestissue.inference.single.impact_posterior import single_posteriors
 from bayestissue.mechanics.oscillator import (
     impact_motion,
@@ -77,7 +77,7 @@ def test_what_a_displacement_does_not_tell_is_empty_and_noted() -> None:
     assert (table.loc[untold, "C_low_N_s_per_m"] == 0).all()
     assert np.isfinite(table["C_high_N_s_per_m"]).all()
     assert (table["flags"] == "").all()
-    assert table.loc[untold, "notes"].str.contains(C_UNTOLD).all()
+    assert table.loc[untold, "notes"].str.contains(UNTOLD["C"]).all()
 
 
 def test_medians_and_intervals_are_those_of_direct_integration() -> None:

@@ -12,8 +12,8 @@ from by_grid import quantiles_by_grid
 import bayestissue as bt
 from bayestissue.base.resources import shared
 from bayestissue.base.results.tables import columns_of
-from bayestissue.inference.points.notes import C_UNTOLD, K_MOSTLY_UNTOLD, K_UNTOLD, NOISELESS
-from bayestissue.inference.samplers.psis import k_threshold
+from bayestissue.inference.points.notes import MOSTLY_UNTOLD, NOISELESS, UNTOLD
+from bayestissue.inference.samplers.sampling import k_threshold
 from bayestissue.inference.single import impact_estimates as single_estimates
 from bayestissue.inference.single.impact_estimates import OUTCOME_COLUMNS
 from bayestissue.inference.single.impact_posterior import POINTS, single_posteriors
@@ -226,7 +226,7 @@ def test_what_the_recording_does_not_tell_is_empty_and_flagged(monkeypatch):
     assert (table[["K_low_N_per_m", "C_low_N_s_per_m"]] == 0).sum().tolist() == [1, 1]
     assert (table.loc[2, "K_low_N_per_m"], table.loc[1, "C_low_N_s_per_m"]) == (0, 0)
     assert (table[["K_high_N_per_m", "C_high_N_s_per_m"]].iloc[:3] > 0).all(axis=None)
-    assert table["flags"].tolist() == ["", C_UNTOLD, K_UNTOLD, f"{K_UNTOLD}; {C_UNTOLD}"]
+    assert table["flags"].tolist() == ["", UNTOLD["C"], UNTOLD["K"], f"{UNTOLD['K']}; {UNTOLD['C']}"]
 
 
 def test_where_most_of_a_trial_do_not_tell_K_the_others_are_flagged(monkeypatch):
@@ -243,7 +243,7 @@ def test_where_most_of_a_trial_do_not_tell_K_the_others_are_flagged(monkeypatch)
 
     monkeypatch.setattr(single_estimates, "single_posteriors", spoilt)
     table = bt.estimate(data)
-    assert table["flags"].tolist() == [*[K_UNTOLD] * 3, K_MOSTLY_UNTOLD, *[K_UNTOLD] * 2, "", ""]
+    assert table["flags"].tolist() == [*[UNTOLD["K"]] * 3, MOSTLY_UNTOLD["K"], *[UNTOLD["K"]] * 2, "", ""]
     assert table["K_N_per_m"].notna().tolist() == (~untold).tolist()
 
 

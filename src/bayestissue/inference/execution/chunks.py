@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -56,20 +56,13 @@ def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent
     rows = [np.minimum(np.arange(number * size, (number + 1) * size), count - 1) for number in range(blocks)]
     few = jax.default_backend() != "cpu" or blocks < _FEW
     jobs, scheduler = 1 if few else runtime.cores(), cluster()
-    alone = jobs == 1 and scheduler is None
-    per_share = 1 if alone else _SHARE
-    shares = [rows[begin : begin + per_share] for begin in range(0, blocks, per_share)]
-    results: Iterator[tuple[int, list[Any]]]
-    if alone:
-        results = enumerate(_of_share((function, data, share, 0)) for share in shares)
-    else:
-        items = [_item(function, data, share) for share in shares]
-        results = computed(_of_share, items, jobs=jobs, scheduler=scheduler)
+    per_share = 1 if jobs == 1 and scheduler is None else _SHARE
+    items = [_item(function, data, rows[begin : begin + per_share]) for begin in range(0, blocks, per_share)]
     parts_by_share: dict[int, list[Any]] = {}
-    for number, parts in results:
+    for number, parts in computed(_of_share, items, jobs=jobs, scheduler=scheduler):
         parts_by_share[number] = parts
         progress(sum(map(len, parts_by_share.values())), blocks)
-    ordered = [part for number in range(len(shares)) for part in parts_by_share[number]]
+    ordered = [part for number in range(len(items)) for part in parts_by_share[number]]
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *ordered)
 
 

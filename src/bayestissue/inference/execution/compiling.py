@@ -48,13 +48,7 @@ def by_row(size: int, *, constant: int, axes: int = 1) -> Callable[[Function], F
 
         @wraps(function)
         def called(*arguments: Any) -> Any:
-            def of_rows(*rows: Any) -> Any:
-                number = len(jax.tree.leaves(rows)[0])
-                places = np.minimum(np.arange(size), number - 1)
-                rows_of_call = jax.tree.map(lambda leaf: leaf[places], rows)
-                results = first(*arguments[:constant], *rows_of_call, number)
-                return jax.tree.map(lambda leaf: np.asarray(leaf)[:number], results)
-
+            of_rows = filled_up(partial(first, *arguments[:constant]), size)
             return in_parts(of_rows, arguments[constant:], size, axes)
 
         called.jitted = first  # type: ignore[attr-defined]
@@ -89,6 +83,18 @@ def padded(*axes: int | None) -> Callable[[Function], Function]:
         return called
 
     return decorated
+
+
+def filled_up(function: Function, size: int) -> Function:
+    """``function(*rows, number)`` of ``size`` rows for any ``number`` up to that, the last filling up."""
+
+    def called(*rows: Any) -> Any:
+        number = len(jax.tree.leaves(rows)[0])
+        places = np.minimum(np.arange(size), number - 1)
+        results = function(*jax.tree.map(lambda leaf: leaf[places], rows), number)
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[:number], results)
+
+    return called
 
 
 def in_parts(function: Function, rows: Any, size: int, axes: int = 1) -> Any:

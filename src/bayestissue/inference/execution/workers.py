@@ -61,7 +61,7 @@ def computed[Item, Result](
         RuntimeError: workers die again and again.
     """
     if scheduler is None and jobs == 1:
-        yield from ((number, function(item)) for number, item in enumerate(items))
+        yield from enumerate(map(function, items))
         return
     left, deaths = set(range(len(items))), 0
     while left:

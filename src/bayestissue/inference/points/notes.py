@@ -28,10 +28,9 @@ UNCORRECTED = Coded.stated("pareto-k.impact")
 NO_OSCILLATOR = Coded.stated("no-answer.oscillator")
 NOT_POSITIVE = Coded.stated("no-answer.positive")
 AT_A_LIMIT = Coded.stated("no-answer.limit")
-K_UNTOLD = Coded.stated("no-answer.untold", quantity="K")
-C_UNTOLD = Coded.stated("no-answer.untold", quantity="C")
-K_MOSTLY_UNTOLD = Coded.stated("mostly-untold", quantity="K")
-C_MOSTLY_UNTOLD = Coded.stated("mostly-untold", quantity="C")
+UNTOLD, MOSTLY_UNTOLD = (
+    {q: Coded.stated(key, quantity=q) for q in ("K", "C")} for key in ("no-answer.untold", "mostly-untold")
+)
 
 ANOTHER_VELOCITY = Coded.stated("velocity-contradicted")
 

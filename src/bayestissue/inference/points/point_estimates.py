@@ -82,6 +82,9 @@ class Inspected(NamedTuple):
             further: columns by their names.
         """
         signal, unknown = self.signal, np.full(len(self.signal.dt), np.nan)
+        if self.dataset.quantity == "displacement":
+            # Sound recordings come to it too: the way of a position sensor's noise.
+            wrong, noted = {}, {**noted, **wrong}
         table = self.dataset.impacts[["impact", "subject", "trial", "mass_kg"]].assign(
             velocity_m_s=signal.velocity,
             n_samples=signal.n_samples,
@@ -97,12 +100,9 @@ class Inspected(NamedTuple):
 
     def flags(self, wrong: Masks = MappingProxyType({})) -> list[list[Coded]]:
         """What is wrong with each impact, by the recordings and by the method."""
-        deepest = self.signal.stop.x
-        if THICKNESS in self.dataset.impacts:
-            thickness = pd.to_numeric(self.dataset.impacts[THICKNESS], errors="coerce").to_numpy(float)
-        else:
-            thickness = np.full(len(deepest), np.inf)
-        wrong, count = {TOO_DEEP: deepest > thickness, **wrong}, len(deepest)
+        deepest, impacts = self.signal.stop.x, self.dataset.impacts
+        thickness = pd.to_numeric(impacts.get(THICKNESS, np.inf), errors="coerce")
+        wrong, count = {TOO_DEEP: deepest > np.asarray(thickness, float), **wrong}, len(deepest)
         parts = zip(raised(self.findings, count), self.signal.flags, by_impact(wrong, count), strict=True)
         return [[*spoilt, *made, *fitted] for spoilt, made, fitted in parts]
 
@@ -152,9 +152,6 @@ def thesis_table(inspected: Inspected) -> pd.DataFrame:
             # Centred deviations have another K and C by their nature.
             ANOTHER_PEAK: another_peak(signal, values["omega_n"], values["zeta"]),
         }
-    if dataset.quantity == "displacement":
-        # Sound ones come to it too: the way of a position sensor's noise.
-        noted, failed = noted | failed, {}
     return inspected.table(values, failed, noted)
 
 

@@ -1,22 +1,41 @@
-"""Point estimates of K and C for all impacts at once: ARMA(2,1), then A(2), then spring and damper."""
+"""Point estimates of K and C for all impacts at once: ARMA(2,1), then A(2), then spring and damper.
+
+The ARMA(2,1) is by the thesis's conditional least squares (section 2.3): the shocks are run forward as
+a_t = w_t + theta1 a_{t-1} from a_2 = 0, with
+
+    w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2},   c1 = 2 - phi1,   c2 = 1 - phi1 - phi2,
+
+and their sum of squares is least. Given theta1 it is quadratic in c1 and c2, so these are solved for and one
+dimension is left to search: on a grid, since the sum may have several minima, and on ever finer ones around
+the best point. theta1 = tanh(eta) is finest towards -1 and 1.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Num
+from jaxtyping import Bool, Float, Num
 
 from bayestissue.base.padding import bucket
-from bayestissue.inference.execution.compiling import FULLY, compiled_quickly, in_parts
-from bayestissue.inference.points.profile import fit_conditional
+from bayestissue.inference.execution.compiling import FULLY, compiled_quickly, filled_up, in_parts
 from bayestissue.mechanics.oscillator import arccos_branch, from_differences, spring_damper
 from bayestissue.model.likelihood.transforms import FILLED
 
 Column = Float[np.ndarray, " impact"]
+Values = Float[Array, " impact"]
+_GRID = 17
+_ROUNDS = 7
+# A variance below this share of the terms it is the remainder of is their rounding error.
+_ROUNDING = (64 * 2.2e-16) ** 2
+# x''_t, to which c1 and c2 times the others are added, x'_{t-1} and x_{t-2}; 0 past the end of an impact.
+Columns = Float[Array, "3 sample impact"]
+# Sums of products of the shocks of these columns, for one theta1 of each impact.
+Moments = Float[Array, "3 3 impact"]
 BATCH = 256
 _FEWEST = 16
 _FEW = 500
@@ -84,24 +103,18 @@ def fit_points(
     fitted = _fit_few if len(x) < _FEW else _fit_batch
     # Batches of 16, 32 ... impacts, so that few sizes are ever compiled; filled up with the last impact.
     size = min(BATCH, max(_FEWEST, 2 ** (len(x) - 1).bit_length()))
-
-    def batch(*columns: np.ndarray) -> PointFit:
-        count = len(columns[0])
-        rows = np.minimum(np.arange(size), count - 1)
-        return PointFit(*(np.asarray(values)[:count] for values in fitted(*(c[rows] for c in columns))))
-
-    fit: PointFit = in_parts(batch, columns, size)
+    fit: PointFit = in_parts(filled_up(lambda *batch: fitted(*batch[:-1]), size), columns, size)
     return fit
 
 
 def _fit(
     x: Float[Array, "impact sample"],
-    size: Float[Array, " impact"],
-    dt: Float[Array, " impact"],
-    mass: Float[Array, " impact"],
-    fall: Float[Array, " impact"],
+    size: Values,
+    dt: Values,
+    mass: Values,
+    fall: Values,
 ) -> PointFit:
-    fit = fit_conditional(x, size, fall)
+    fit = _least_squares(x, size, fall)
     phi1, phi2 = 2 - fit.c1, (fit.c1 - fit.c2) - 1
     # n samples that do not turn back are less than half a period, so the main value of arccos is right
     w, zeta = from_differences(fit.c1, fit.c2, None, 1.0)
@@ -125,3 +138,106 @@ def _fit(
 _fit_batch = jax.jit(_fit, compiler_options=FULLY)
 # Compiled in half the time, and ten times as long at it, which for few is not felt.
 _fit_few = compiled_quickly(_fit)
+
+
+class _Profile(NamedTuple):
+    """The fit with everything but theta1 at its best.
+
+    Attributes:
+        c1, c2: coefficients.
+        theta1: moving-average coefficient.
+        form: sum of squares at the optimum.
+        floor: the sum of squares that rounding alone would leave.
+    """
+
+    c1: Values
+    c2: Values
+    theta1: Values
+    form: Values
+    floor: Values
+
+
+def _least_squares(x: Float[Array, "impact sample"], size: Values, fall: Values) -> _Profile:
+    """The least sum of squares over theta1 in [-1, 1], c1 and c2.
+
+    Args:
+        x: deviations from whatever is taken for the equilibrium.
+        size: number of shocks of each impact, two less than there are samples.
+        fall: what a constant force adds to every x''_t.
+    """
+    inside = (jnp.arange(x.shape[1] - 2) < size[:, None]).T
+    slope = jnp.diff(x, axis=1)
+    series = jnp.stack([jnp.diff(slope, axis=1) - fall[:, None], slope[:, :-1], x[:, :-2]])
+    columns = jnp.where(inside, series.mT, 0.0)
+    start = _start(columns, inside)
+    left = _with_step(columns, start)
+
+    def loss(theta1: Array) -> Array:
+        return size * jnp.log(_least(_moments(left, theta1, inside), start.floor)) / 2
+
+    theta1 = _search(loss, size)
+    best = _moments(left, theta1, inside)
+    c1, c2 = _solve(best)
+    return _Profile(start.c1 + c1, start.c2 + c2, theta1, _least(best, start.floor), start.floor)
+
+
+def _start(columns: Columns, inside: Bool[Array, "sample impact"]) -> _Profile:
+    """Least squares for theta1 = 0 in two steps: what the first leaves may be less than its rounding."""
+    zero = jnp.zeros_like(columns[0, 0])
+
+    def refine(step: int, now: _Profile) -> _Profile:
+        moments = _moments(_with_step(columns, now), zero, inside)
+        c1, c2 = _solve(moments)
+        terms = moments[0, 0] + c1**2 * moments[1, 1] + c2**2 * moments[2, 2]
+        floor = jnp.where(step == 0, _ROUNDING * terms + jnp.finfo(zero.dtype).tiny, now.floor)
+        return _Profile(now.c1 + c1, now.c2 + c2, zero, zero, floor)
+
+    return jax.lax.fori_loop(0, 2, refine, _Profile(*(zero,) * 5))
+
+
+def _with_step(columns: Columns, by: _Profile) -> Columns:
+    """The same with c1 and c2 so much greater."""
+    return columns.at[0].set(columns[0] + by.c1 * columns[1] + by.c2 * columns[2])
+
+
+def _solve(m: Moments) -> tuple[Array, Array]:
+    determinant = m[1, 1] * m[2, 2] - m[1, 2] ** 2
+    c1, c2 = m[1, 2] * m[0, 2] - m[2, 2] * m[0, 1], m[1, 2] * m[0, 1] - m[1, 1] * m[0, 2]
+    return c1 / determinant, c2 / determinant
+
+
+def _least(m: Moments, floor: Array) -> Array:
+    c1, c2 = _solve(m)
+    return jnp.maximum(m[0, 0] + c1 * m[0, 1] + c2 * m[0, 2], 0.0) + floor
+
+
+def _search(loss: Callable[[Array], Array], size: Array) -> Array:
+    # tanh(reach) is nearer to the edge than the distance, 1/N, that N values can tell
+    reach = jnp.log(20 * size) / 2
+
+    def narrow(_: int, state: tuple[Array, Array]) -> tuple[Array, Array]:
+        centre, width = state
+        etas = jnp.clip(centre + width * jnp.linspace(-1, 1, _GRID)[:, None], -reach, reach)
+        best = jnp.argmin(jax.lax.map(lambda eta: loss(_theta(eta, reach)), etas), axis=0)
+        return etas[best, jnp.arange(len(size))], 2 * width / (_GRID - 1)
+
+    centre, _ = jax.lax.fori_loop(0, _ROUNDS, narrow, (jnp.zeros_like(size), reach))
+    return _theta(centre, reach)
+
+
+def _theta(eta: Array, reach: Array) -> Array:
+    """tanh, stretched so that the ends of the search are -1 and 1 themselves."""
+    return jnp.tanh(eta) / jnp.tanh(reach)
+
+
+def _moments(columns: Columns, theta1: Array, inside: Bool[Array, "sample impact"]) -> Moments:
+    def step(carry: tuple[Array, Moments], part: tuple[Array, Array]) -> tuple[tuple[Array, Moments], None]:
+        shocks, totals = carry
+        values, now = part
+        shocks = jnp.where(now, values + theta1 * shocks, 0.0)
+        return (shocks, totals + shocks[:, None] * shocks), None
+
+    shocks = jnp.zeros((3, len(theta1)), theta1.dtype)
+    start = shocks, jnp.zeros((3, *shocks.shape), theta1.dtype)
+    (_, totals), _ = jax.lax.scan(step, start, (columns.swapaxes(0, 1), inside))
+    return totals

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
+from bayestissue.inference.execution.compiling import in_parts
+
 LAGS = 10
 # Of a matrix of cosines between columns, over their number: directions that rounding alone tells apart.
 _ALIKE = 1e-11
@@ -41,13 +43,9 @@ def projected_portmanteau(
     Returns:
         p-values; NaN where fewer than 20 directions are left.
     """
-    size, (count, columns, width) = np.asarray(size), fitted.shape
+    _, columns, width = fitted.shape
     per_part = max(1, _MOST_NUMBERS // max(1, LAGS * columns * width))
-    parts = [
-        _projected(shocks[rows], fitted[rows], size[rows])
-        for rows in (slice(begin, begin + per_part) for begin in range(0, count, per_part))
-    ]
-    return np.concatenate(parts) if parts else np.empty(0)
+    return np.asarray(in_parts(_projected, (shocks, fitted, size), per_part))
 
 
 def _projected(shocks: np.ndarray, fitted: np.ndarray, size: np.ndarray) -> Column:

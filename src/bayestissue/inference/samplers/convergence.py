@@ -15,6 +15,8 @@ from scipy import fft
 from scipy.special import ndtri
 from scipy.stats import rankdata
 
+from bayestissue.inference.execution.compiling import in_parts
+
 # What sorting and transforming them takes at once stays small, and in a processor's cache.
 _AT_ONCE = 64
 _FEWEST = 4
@@ -60,20 +62,12 @@ def convergence(draws: Draws) -> Convergence:
     """R-hat and effective sample sizes of each quantity."""
     if not len(draws):
         return Convergence(*[np.zeros(0)] * len(Convergence._fields))
-    parts = [Convergence(*_of_some(part)) for part in _parts(draws)]
-    return Convergence(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return Convergence(*in_parts(_of_some, (draws,), _AT_ONCE))
 
 
 def effective_size(draws: Draws) -> Sizes:
     """Effective sample size of each quantity's mean: `Convergence.ess_mean` alone."""
-    if draws.shape[2] < _FEWEST:
-        return np.full(len(draws), np.nan)
-    sizes = []
-    for part in _parts(draws):
-        # A quantity that is infinite in a draw, as a contact that never ends, has no mean.
-        finite = np.isfinite(part).all(axis=(1, 2))
-        sizes.append(np.where(finite, _size(_split(np.where(finite[:, None, None], part, 0.0))), np.nan))
-    return np.concatenate(sizes)
+    return np.asarray(in_parts(_size_of_mean, (draws,), _AT_ONCE))
 
 
 def elements_of(array: xr.DataArray) -> Draws:
@@ -82,22 +76,18 @@ def elements_of(array: xr.DataArray) -> Draws:
     return draws.reshape(-1, *draws.shape[-2:])
 
 
-def _parts(draws: Draws) -> list[Draws]:
-    begins = range(0, max(len(draws), 1), _AT_ONCE)
-    return [np.asarray(draws[begin : begin + _AT_ONCE], float) for begin in begins]
-
-
 def _of_some(draws: Draws) -> list[Sizes]:
     if draws.shape[2] < _FEWEST:
         return [np.full(len(draws), np.nan)] * len(Convergence._fields)
-    infinite = np.isinf(draws)
+    # Of many impacts they are of single precision.
+    draws = np.asarray(draws, float)
+    of_mean, infinite = _size_of_mean(draws), np.isinf(draws)
     draws = _ranked_last(draws, infinite) if infinite.any() else draws
     split = _split(draws)
     median = np.median(split, axis=(1, 2), keepdims=True)
     bulk, folded = _normal_scores(split), _normal_scores(np.abs(split - median))
     ends = np.quantile(draws, TAILS, axis=(1, 2), keepdims=True)
     tails = [_size(_split((draws <= end).astype(float))) for end in ends]
-    of_mean = np.where(infinite.any(axis=(1, 2)), np.nan, _size(split))
     sizes = (np.fmax(_r_hat(bulk), _r_hat(folded)), _size(bulk), np.minimum(*tails), of_mean)
     known = ~np.isnan(draws).any(axis=(1, 2))
     compared = known & (draws.shape[1] > 1)
@@ -109,6 +99,14 @@ def _ranked_last(draws: Draws, infinite: Bool[np.ndarray, "quantity chain draw"]
     others = np.where(infinite, 0.0, draws)
     beyond = 1 + 3 * np.abs(others).max(axis=(1, 2), keepdims=True)
     return np.where(infinite, np.sign(draws) * beyond, draws)
+
+
+def _size_of_mean(draws: Draws) -> Sizes:
+    if draws.shape[2] < _FEWEST:
+        return np.full(len(draws), np.nan)
+    # A quantity that is infinite in a draw, as a contact that never ends, has no mean.
+    finite = np.isfinite(draws).all(axis=(1, 2))
+    return np.where(finite, _size(_split(np.where(finite[:, None, None], draws, 0.0))), np.nan)
 
 
 def _split(draws: Draws) -> Draws:

@@ -20,13 +20,11 @@ from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,
     AT_A_LIMIT,
-    C_MOSTLY_UNTOLD,
-    C_UNTOLD,
-    K_MOSTLY_UNTOLD,
-    K_UNTOLD,
+    MOSTLY_UNTOLD,
     NOISELESS,
     STRUCTURED,
     UNCORRECTED,
+    UNTOLD,
 )
 from bayestissue.inference.points.point_estimates import (
     Inspected,
@@ -37,7 +35,7 @@ from bayestissue.inference.points.point_estimates import (
     thesis_table,
 )
 from bayestissue.inference.results.labels import outcome_column
-from bayestissue.inference.samplers.psis import k_threshold
+from bayestissue.inference.samplers.sampling import k_threshold
 from bayestissue.inference.single.impact_posterior import (
     POINTS,
     SinglePosteriors,
@@ -73,11 +71,14 @@ OUTCOME_COLUMNS = {
     for name in HEADFORM_OUTCOMES
     for which in ("median", "low", "high")
 } | {f"{name}_never": (name, "never") for name in NEVER}
-_FURTHER = (
-    *("K_se_N_per_m", "K_low_N_per_m", "K_high_N_per_m", "C_se_N_s_per_m", "C_low_N_s_per_m"),
-    *("C_high_N_s_per_m", "omega_n_se_rad_s", "zeta_se", "whiteness_p", "noise_sd_m_s2", "pareto_k"),
-    *OUTCOME_COLUMNS,
-)
+# The other columns that have a number of a posterior, and which.
+_OSCILLATOR_COLUMNS = {
+    f"{name}_{ending}{unit}": (name, which)
+    for name, unit in (("K", "_N_per_m"), ("C", "_N_s_per_m"))
+    for ending, which in (("se", "sd"), ("low", "low"), ("high", "high"))
+} | {"omega_n_se_rad_s": ("omega_n", "sd"), "zeta_se": ("zeta", "sd")}
+_OF_RECORDER = ("whiteness_p", "noise_sd_m_s2")
+_FURTHER = (*_OSCILLATOR_COLUMNS, *_OF_RECORDER, "pareto_k", *OUTCOME_COLUMNS)
 # An interval whose ends are this many times apart leaves the order of magnitude open.
 _DECADE = 10.0
 # A flag may be raised on one sound recording of a thousand, as in
@@ -124,8 +125,7 @@ def by_impact(
         InputError: displacements have uneven times, or a low-pass is declared of them.
     """
     dataset, signal, _ = inspected
-    displaced = dataset.quantity == "displacement"
-    file = shared("models", "arma.toml" if displaced else "impact.toml")
+    file = shared("models", "arma.toml" if dataset.quantity == "displacement" else "impact.toml")
     specification = read_specification(file).alone()
     if problems := unsuited(facts_of(dataset, **specification.facts), "likelihood", "estimate"):
         raise InputError(problems)
@@ -145,9 +145,6 @@ def by_impact(
         return {name: in_rows(column, rows) for name, column in columns.items()}
 
     wrong, noted = in_table(estimated.wrong(dataset)), in_table({NOISELESS: estimated.noiseless}) | noted
-    if displaced:
-        # Sound recordings come to it too: the way of a position sensor's noise.
-        noted, wrong = noted | wrong, {}
     table = inspected.table(in_table(estimated.oscillator), wrong, noted, in_table(estimated.further()))
     return table, posteriors
 
@@ -184,32 +181,29 @@ class _Estimated:
         if self.prepared.model.kind == "arma":
             theta1, sigma_a = np.tanh(self.posteriors.parameters[:, 3]), self.posteriors.sigma.median
             values |= {"theta1": theta1, "sigma_a": sigma_a}
+        return {name: np.where(self._untold(name), np.nan, column) for name, column in values.items()}
+
+    def _untold(self, name: str) -> Told:
+        """Where a number of the oscillator is not told, by its name: K or C, or what follows from both."""
         K_untold, C_untold = self.untold.values()
-        needs, either = {"K": K_untold, "omega_n": K_untold, "C": C_untold}, K_untold | C_untold
-        return {name: np.where(needs.get(name, either), np.nan, column) for name, column in values.items()}
+        return {"K": K_untold, "omega_n": K_untold, "C": C_untold}.get(name, K_untold | C_untold)
 
     def further(self) -> dict[str, np.ndarray]:
         """The further columns: intervals, errors, and what the impacts came to."""
-        posteriors, noiseless, untold = self.posteriors, self.noiseless, self.untold
-        bounded, columns = posteriors.moved & ~noiseless, dict[str, np.ndarray]()
-        for name, unit, marginal in (("K", "N_per_m", posteriors.K), ("C", "N_s_per_m", posteriors.C)):
-            columns |= {
-                f"{name}_se_{unit}": np.where(untold[name] | noiseless, np.nan, marginal.sd),
-                # What is not told from below has the upper end of its interval as a bound.
-                f"{name}_low_{unit}": np.where(bounded, np.where(untold[name], 0.0, marginal.low), np.nan),
-                f"{name}_high_{unit}": np.where(bounded, marginal.high, np.nan),
-            }
-        columns["omega_n_se_rad_s"] = np.where(untold["K"] | noiseless, np.nan, posteriors.omega_n.sd)
-        either = untold["K"] | untold["C"]
-        columns["zeta_se"] = np.where(either | noiseless, np.nan, posteriors.zeta.sd)
+        posteriors, columns = self.posteriors, dict[str, np.ndarray]()
+        bounded = posteriors.moved & ~self.noiseless
+        for column, (name, which) in _OSCILLATOR_COLUMNS.items():
+            values, untold = getattr(getattr(posteriors, name), which), self._untold(name)
+            # What is not told from below has the upper end of its interval as a bound.
+            values = np.where(untold, 0.0, values) if which == "low" else values
+            known = ~(untold | self.noiseless) if which == "sd" else bounded
+            columns[column] = np.where(known, values, np.nan)
         if posteriors.noise_p is not None:
-            columns |= {"whiteness_p": posteriors.noise_p, "noise_sd_m_s2": posteriors.sigma.median}
+            columns |= dict(zip(_OF_RECORDER, (posteriors.noise_p, posteriors.sigma.median), strict=True))
         columns["pareto_k"] = posteriors.pareto_k
         # Of what was not found, and of intervals that are none, there is no outcome either.
         return columns | {
-            column: np.where(
-                posteriors.moved if which == "median" else bounded, getattr(outcome, which), np.nan
-            )
+            column: np.where(posteriors.moved if which == "median" else bounded, outcome[which], np.nan)
             for column, (name, which) in OUTCOME_COLUMNS.items()
             if (outcome := posteriors.outcomes.get(name)) is not None
         }
@@ -228,14 +222,14 @@ class _Estimated:
         wrong[UNCORRECTED] = (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless
         if posteriors.outcomes:
             greatest, jerk = (posteriors.outcomes[name] for name in ("peak_deceleration", "peak_jerk"))
-            missed = missed_peaks(dataset, self.prepared, greatest.low, greatest.high, jerk.high)
+            missed = missed_peaks(dataset, self.prepared, greatest["low"], greatest["high"], jerk["high"])
             wrong[PEAK_MISSED] = posteriors.moved & ~noiseless & missed
         impacts = self.prepared.impacts
-        for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
-            rows_of = impacts.assign(untold=untold[name], phantom=of_phantoms(impacts))
+        for q, here in untold.items():
+            rows_of = impacts.assign(untold=here, phantom=of_phantoms(impacts))
             share = rows_of.groupby(["trial", "phantom"])["untold"].transform("mean")
             # The few of a trial that come out above the threshold are those that erred upwards.
-            wrong |= {alone: untold[name], among: (share.to_numpy() > 0.5) & ~untold[name]}
+            wrong |= {UNTOLD[q]: here, MOSTLY_UNTOLD[q]: (share.to_numpy() > 0.5) & ~here}
         return wrong
 
 

@@ -32,8 +32,12 @@ from bayestissue.inference.factors.sites import POINTS as AT_ONCE
 from bayestissue.inference.factors.sites import laplace_sites, log_likelihoods
 from bayestissue.inference.quantities.mass_errors import DRAWS
 from bayestissue.inference.quantities.quantity_draws import recorded_outcomes
-from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
-from bayestissue.inference.samplers.sampling import quantiles, weighted_quantiles
+from bayestissue.inference.samplers.sampling import (
+    k_threshold,
+    pareto_smoothed,
+    quantiles,
+    weighted_quantiles,
+)
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.model.hierarchy.trace_models import (
@@ -45,6 +49,7 @@ from bayestissue.model.hierarchy.trace_models import (
     with_normal_errors,
 )
 
+Column = Float[np.ndarray, " impact"]
 POINTS = 1024
 # Between two words of progress: as many as are computed at once.
 _TOLD = AT_ONCE
@@ -68,25 +73,10 @@ class Marginal(NamedTuple):
         low, high: ends of the 90 % interval that leaves out as much probability on either side.
     """
 
-    median: Float[np.ndarray, " impact"]
-    sd: Float[np.ndarray, " impact"]
-    low: Float[np.ndarray, " impact"]
-    high: Float[np.ndarray, " impact"]
-
-
-class OutcomePosterior(NamedTuple):
-    """The posterior of what each impact came to, which may be infinite.
-
-    Attributes:
-        median: of the posterior.
-        low, high: ends of the 90 % interval that leaves out as much probability on either side.
-        never: the probability of what is infinite.
-    """
-
-    median: Float[np.ndarray, " impact"]
-    low: Float[np.ndarray, " impact"]
-    high: Float[np.ndarray, " impact"]
-    never: Float[np.ndarray, " impact"]
+    median: Column
+    sd: Column
+    low: Column
+    high: Column
 
 
 class SinglePosteriors(NamedTuple):
@@ -99,16 +89,17 @@ class SinglePosteriors(NamedTuple):
         zeta: damping ratio.
         sigma: standard deviation of the recorder's noise [m/s^2], or of a displacement's shocks [m].
         outcomes: what the impact came to, by the names of
-        `bayestissue.mechanics.elements.outcomes.HEADFORM_OUTCOMES`,
-            of a headform all of them; empty of displacements.
+            `bayestissue.mechanics.elements.outcomes.HEADFORM_OUTCOMES`, of a headform all of them:
+            ``median``, ``low`` and ``high`` as of `Marginal`, and ``never``, the probability of what is
+            infinite; empty of displacements.
         parameters: medians of log K, log C and the noise's parameters, K and C at the recorded mass.
         residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the
             trace [m/s^2]; 0 past its end; None of displacements.
         noise_p: p-value of what is left being the recorder's noise: see
             `bayestissue.inference.factors.noise_left`; None of displacements.
         moved: whether the search for the posterior's mode left the point that it started from.
-        pareto_k: of the importance weights; above `bayestissue.inference.samplers.psis.k_threshold` nothing
-            vouches for the medians and intervals.
+        pareto_k: of the importance weights; above `bayestissue.inference.samplers.sampling.k_threshold`
+            nothing vouches for the medians and intervals.
     """
 
     K: Marginal
@@ -116,12 +107,12 @@ class SinglePosteriors(NamedTuple):
     omega_n: Marginal
     zeta: Marginal
     sigma: Marginal
-    outcomes: dict[str, OutcomePosterior]
+    outcomes: dict[str, dict[str, Column]]
     parameters: Float[np.ndarray, "impact parameter"]
     residuals: Float[np.ndarray, "impact sample"] | None
-    noise_p: Float[np.ndarray, " impact"] | None
+    noise_p: Column | None
     moved: Bool[np.ndarray, " impact"]
-    pareto_k: Float[np.ndarray, " impact"]
+    pareto_k: Column
 
 
 def single_posteriors(prepared: Prepared, say: Say = silent) -> SinglePosteriors:
@@ -214,6 +205,7 @@ def _corrected(
     size, proposal = z.shape[1], normals(sites, prior)
     mean = proposal.at(np.zeros((len(sites.centre), size)))
     root = np.stack([proposal.at(np.broadcast_to(axis, mean.shape)) - mean for axis in np.eye(size)], axis=-1)
+    # Points, weights and k of the best proposal of each impact.
     best = np.empty((len(z), *mean.shape)), np.empty((len(z), len(mean))), np.full(len(mean), np.inf)
     for turn in range(_ROUNDS):
         if turn == 1:
@@ -227,11 +219,11 @@ def _corrected(
         log_weight = np.concatenate(parts) + prior.log_density(u) + _of_damping(u, log_mass) - log_density
         smoothed = [pareto_smoothed(column) for column in log_weight.T]
         weight = np.exp(np.stack([log_share for log_share, _ in smoothed], axis=1))
-        current = u, weight, np.array([k for _, k in smoothed])
+        k = np.array([k for _, k in smoothed])
         # Where none has a finite k, the last.
-        better = (current[2] < best[2]) | np.isinf(best[2])
-        for old, new in zip(best, current, strict=True):
-            np.copyto(old, new, where=_along(better, old))
+        better = (k < best[2]) | np.isinf(best[2])
+        for old, new, chosen in zip(best, (u, weight, k), (better[:, None], better, better), strict=True):
+            np.copyto(old, new, where=chosen)
         bad = best[2] > k_threshold(POINTS)
         if not bad.any():
             break
@@ -257,7 +249,7 @@ def _of_damping(
 
 
 def _skewed(
-    prior: ConditionalPrior, sites: GaussianFactor, even: _Even, log_mass: Float[np.ndarray, " impact"]
+    prior: ConditionalPrior, sites: GaussianFactor, even: _Even, log_mass: Column
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of a proposal for a posterior that is skewed along log K, or log C, and their log density.
 
@@ -267,27 +259,27 @@ def _skewed(
     and integrated out for the density of log K, which is tabulated; a part of it is flattened, for its tails.
     """
     rows, size = np.arange(len(sites.centre)), sites.centre.shape[1]
-    precision = sites.precision + prior.precision
-    weak = np.diagonal(np.linalg.inv(precision), axis1=1, axis2=2)[:, :2].argmax(1)
-    noise = np.broadcast_to(np.arange(2, size)[:, None], (size - 2, len(rows)))
-    nuisance = np.stack([1 - weak, *noise], axis=1)
-    pull = sites.shift - np.matvec(prior.precision, sites.centre - prior.mean)
-    covariance = np.linalg.inv(precision[rows[:, None, None], nuisance[:, :, None], nuisance[:, None]])
-    cross = sites.precision[rows[:, None], weak[:, None], nuisance]
-    toward, shift = np.matvec(covariance, cross), np.matvec(covariance, pull[rows[:, None], nuisance])
-    slope = sites.shift[rows, weak] - np.vecdot(cross, shift)
-    bend = sites.precision[rows, weak, weak] - np.vecdot(cross, toward)
-    centre, mean = sites.centre[rows, weak], prior.mean[rows, weak]
-    sd = prior.precision[rows, weak, weak] ** -0.5
+    weak = np.diagonal(np.linalg.inv(sites.precision + prior.precision), axis1=1, axis2=2)[:, :2].argmax(1)
+    # With the parameter that is hardly told in the first place; the same order puts it back.
+    order = np.repeat(np.arange(size)[None], len(rows), axis=0)
+    order[:, :2] = np.stack([weak, 1 - weak], axis=1)
+    by_row, by_pair = (rows[:, None], order), (rows[:, None, None], order[:, :, None], order[:, None])
+    centre, mean, shift = (part[by_row] for part in (np.asarray(sites.centre), prior.mean, sites.shift))
+    precision, of_prior = np.asarray(sites.precision)[by_pair], prior.precision[by_pair]
+    covariance, cross = np.linalg.inv((precision + of_prior)[:, 1:, 1:]), precision[:, 0, 1:]
+    pull = shift - np.matvec(of_prior, centre - mean)
+    toward, moved = np.matvec(covariance, cross), np.matvec(covariance, pull[:, 1:])
+    slope, bend = shift[:, 0] - np.vecdot(cross, moved), precision[:, 0, 0] - np.vecdot(cross, toward)
+    from_mean, sd = centre[:, 0] - mean[:, 0], of_prior[:, 0, 0] ** -0.5
     unit = 1 / np.sqrt(bend + sd**-2.0)
-    reach = np.arcsinh((np.abs(centre - mean) + _REACH * sd) / unit)
+    reach = np.arcsinh((np.abs(from_mean) + _REACH * sd) / unit)
     ends = unit[:, None] * np.sinh(reach[:, None] * np.linspace(-1, 1, _CELLS + 1))
     middle, width = (ends[:, 1:] + ends[:, :-1]) / 2, np.diff(ends)
     r = np.expm1(middle)
     bent = np.maximum(bend + slope, 0.0)
     table = (slope[:, None] - bent[:, None] * r / 2) * r
-    table -= np.square((centre - mean)[:, None] + middle) / (2 * np.square(sd)[:, None])
-    along = np.repeat(sites.centre[:, None], _CELLS, axis=1)
+    table -= np.square(from_mean[:, None] + middle) / (2 * np.square(sd)[:, None])
+    along = np.repeat(np.asarray(sites.centre)[:, None], _CELLS, axis=1)
     along[rows, :, weak] += middle
     table += _of_damping(along, log_mass[:, None])
     mass = sum(
@@ -301,22 +293,16 @@ def _skewed(
     log_density = np.log((mass / width)[rows, cell])
     t = even.normal[:, 1:] * even.scale[:, None]
     root = np.linalg.cholesky(covariance)
-    u = np.empty((*step.shape, size))
-    u[:, rows, weak] = centre + step
-    u[:, rows[:, None], nuisance] = (
-        sites.centre[rows[:, None], nuisance] + shift - toward * np.expm1(step)[..., None]
-    ) + np.einsum("iab,pb->pia", root, t)
-    return u, log_density + _log_t(t)[:, None]
+    given_step = centre[:, 1:] + moved - toward * np.expm1(step)[..., None]
+    u = np.concatenate(
+        [(centre[:, 0] + step)[..., None], given_step + np.einsum("iab,pb->pia", root, t)], axis=-1
+    )
+    return u[:, *by_row], log_density + _log_t(t)[:, None]
 
 
 def _log_t(z: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
     """Log density of a standard multivariate t, up to a constant."""
     return -(_TAILS + z.shape[1]) / 2 * np.log1p(np.square(z).sum(1) / _TAILS)
-
-
-def _along(chosen: np.ndarray, array: np.ndarray) -> np.ndarray:
-    """Truth values of impacts, laid along the axis that ``array`` has of these."""
-    return chosen if array.ndim == 1 else chosen.reshape(1, -1, *[1] * (array.ndim - 2))
 
 
 class _Even(NamedTuple):
@@ -347,7 +333,7 @@ def _outcomes(
     u: Float[np.ndarray, "point impact parameter"],
     mass_error: Float[np.ndarray, "point impact"],
     weight: Float[np.ndarray, "point impact"],
-) -> dict[str, OutcomePosterior]:
+) -> dict[str, dict[str, Column]]:
     """What the impacts came to, at points drawn by their weights and with draws of the chain's errors."""
     # In a random order: every so many of points that fill the space evenly lie in one part of it.
     order = np.random.default_rng(20).permutation(len(u))
@@ -359,12 +345,13 @@ def _outcomes(
         at, alone = order[np.searchsorted(column, levels * column[-1])], np.array([number])
         of_rows = u[at][:, alone], mass_error[at][:, alone]
         draws.append(recorded_outcomes(model, data.impacts(alone), *of_rows, keys))
-    return {name: _of_draws(np.concatenate([one[name] for one in draws], axis=1)) for name in draws[0]}
-
-
-def _of_draws(values: Float[np.ndarray, "draw impact"]) -> OutcomePosterior:
-    low, median, high = quantiles(values.T, [0.05, 0.5, 0.95])
-    return OutcomePosterior(median, low, high, np.isinf(values).mean(axis=0))
+    outcomes = {}
+    for name in draws[0]:
+        values = np.concatenate([one[name] for one in draws], axis=1)
+        low, median, high = quantiles(values.T, [0.05, 0.5, 0.95])
+        never = np.isinf(values).mean(axis=0)
+        outcomes[name] = {"median": median, "low": low, "high": high, "never": never}
+    return outcomes
 
 
 def _marginal(

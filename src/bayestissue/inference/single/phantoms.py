@@ -148,18 +148,17 @@ def _variance(table: pd.DataFrame) -> np.ndarray:
 
 def _unfit(dataset: Dataset, *, people: bool) -> list[Problem]:
     chain = dataset.uncertainty
-    problems = [
+    wrong = {
+        "displacement": (dataset.quantity == "displacement", dataset.quantity),
+        "channel": (bool(dataset.channels), len(dataset.channels)),
+        "nobody": (not people, "phantoms alone"),
+    }
+    return [
         Problem.stated("reference-unfit.undeclared", "dataset.toml", None, f"uncertainty.{name}", 0.0)
         for name in ("relative_mass_sd", "relative_gain_sd")
         if not getattr(chain, name)
+    ] + [
+        Problem.stated(f"reference-unfit.{key}", dataset.table, None, REFERENCE[0], value)
+        for key, (is_so, value) in wrong.items()
+        if is_so
     ]
-    for key, wrong, value in (
-        ("displacement", dataset.quantity == "displacement", dataset.quantity),
-        ("channel", bool(dataset.channels), len(dataset.channels)),
-        ("nobody", not people, "phantoms alone"),
-    ):
-        if wrong:
-            problems.append(
-                Problem.stated(f"reference-unfit.{key}", dataset.table, None, REFERENCE[0], value)
-            )
-    return problems
