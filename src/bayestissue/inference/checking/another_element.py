@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from bayestissue.base.errors import InputError
 from bayestissue.base.outline import first_of
@@ -37,19 +38,13 @@ def differing(form: Mapping[str, Any], names: np.ndarray, recorded: Recorded) ->
         names: of the impacts.
         recorded: of the fit.
     """
-    p = form.get("impacts", {}).get("p", {})
-    tested = np.array([name in p for name in names], bool)
-    small = np.array([p.get(name, 1.0) < SMALL_P for name in names], bool)
-    found = {}
+    p = pd.Series(form.get("impacts", {}).get("p", {}), dtype=float).reindex(names).to_numpy()
+    tested, found = np.isfinite(p), {}
     for column in recorded.response("K").categories:
-        labels = recorded.labels(column)
-        shares = {
-            level: float(small[tested & (labels == level)].mean())
-            for level in recorded.levels(column)
-            if (tested & (labels == level)).any()
-        }
-        fails = [level for level, share in shares.items() if share >= _FAILS]
-        if fails and any(share <= _HOLDS for share in shares.values()):
+        small = pd.Series(p < SMALL_P)[tested].groupby(recorded.labels(column)[tested])
+        shares = small.mean().reindex(recorded.levels(column)).dropna()
+        fails = shares.index[shares >= _FAILS].tolist()
+        if fails and (shares <= _HOLDS).any():
             found[column] = fails
     return found
 

@@ -24,6 +24,7 @@ LEAST_SHIFT = 0.5
 LEAST_SPREAD = 1.5
 ALL, IMPACT = "all", "impact"
 
+Column = Float[np.ndarray, " impact"]
 Groups = Mapping[str, Int[np.ndarray, " impact"]]
 
 
@@ -50,7 +51,7 @@ class Alarms:
         return bool(self.together or grouped or self.single.any() or self.scatter)
 
 
-def alarms(z: Float[np.ndarray, " impact"], groups: Groups, rate: float = RATE) -> Alarms:
+def alarms(z: Column, groups: Groups, rate: float = RATE) -> Alarms:
     """Which departures of ``z`` from independent standard normals are incredible.
 
     Args:
@@ -68,9 +69,7 @@ def alarms(z: Float[np.ndarray, " impact"], groups: Groups, rate: float = RATE) 
     )
 
 
-def _of_groups(
-    z: Float[np.ndarray, " impact"], codes: Int[np.ndarray, " impact"], rate: float
-) -> Bool[np.ndarray, " group"]:
+def _of_groups(z: Column, codes: Int[np.ndarray, " impact"], rate: float) -> Bool[np.ndarray, " group"]:
     size = np.bincount(codes)
     mean = np.bincount(codes, weights=z) / np.maximum(size, 1)
     # One group is all impacts, and a group of one impact that impact.
@@ -100,9 +99,9 @@ class ErrorPattern:
 
 
 def pattern_of(
-    error: Float[np.ndarray, " impact"],
-    sd: Float[np.ndarray, " impact"],
-    unit: Float[np.ndarray, " impact"],
+    error: Column,
+    sd: Column,
+    unit: Column,
     groups: Groups,
     rate: float = RATE,
 ) -> ErrorPattern | None:

@@ -100,16 +100,14 @@ def _sentences(account: dict[str, Any], *, of_mass: bool) -> tuple[str, str]:
         "slope": f"{account['slope']:.2g}",
         "between": account["apart"],
     }
-    if account["slope"]:
-        kind = "by_mass"
-    elif account["apart"]:
-        kind = "apart"
-    elif not account["agrees"]:
-        kind = "contradicted"
-    elif of_mass:
-        kind = "mass"
-    else:
-        kind = "exact"
+    kinds = {
+        "by_mass": account["slope"],
+        "apart": account["apart"],
+        "contradicted": not account["agrees"],
+        "mass": of_mass,
+        "exact": True,
+    }
+    kind = next(name for name, holds in kinds.items() if holds)
     words = sentence(f"channels-disagree.{kind}", **numbers)
     if not account["follows"]:
         return sentence("force-form.first", **numbers), f"{account['form']['words']} {words}"

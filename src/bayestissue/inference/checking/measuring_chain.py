@@ -56,6 +56,7 @@ from bayestissue.model.hierarchy.trace_models import (
     with_normal_errors,
 )
 
+Column = Float[np.ndarray, " impact"]
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
 JUDGED = (AMPLITUDE, OFFSET)
@@ -91,20 +92,20 @@ class Freed:
             put back.
     """
 
-    error: Float[np.ndarray, " impact"]
-    sd: Float[np.ndarray, " impact"]
-    declared: Float[np.ndarray, " impact"]
-    unit: Float[np.ndarray, " impact"]
+    error: Column
+    sd: Column
+    declared: Column
+    unit: Column
     centre: Float[np.ndarray, "impact parameter"]
-    gain: Float[np.ndarray, " impact"]
+    gain: Column
 
     @property
-    def expected_sd(self) -> Float[np.ndarray, " impact"]:
+    def expected_sd(self) -> Column:
         """Of ``error``, where the model is right: (s^2 + t^2)^1/2."""
         return np.hypot(self.sd, self.declared)
 
     @property
-    def z(self) -> Float[np.ndarray, " impact"]:
+    def z(self) -> Column:
         """The standardised error, no farther from 0 than what it gains in likelihood allows.
 
         Of a normal likelihood the gain is z^2 / 2. One that has a long tail, as where an element's further
@@ -253,7 +254,7 @@ def freed(
     return Freed(error, spread, declared, unit, centre, gain)
 
 
-def _unit(prepared: Prepared, name: str) -> Float[np.ndarray, " impact"]:
+def _unit(prepared: Prepared, name: str) -> Column:
     signal = prepared.signal
     if name == AMPLITUDE:
         return signal.velocity
@@ -261,17 +262,6 @@ def _unit(prepared: Prepared, name: str) -> Float[np.ndarray, " impact"]:
         return signal.velocity / signal.time_to_peak
     is_time = "contact_time_error" in prepared.data.record.errors
     return signal.time_to_peak * (1.0 if is_time else signal.velocity)
-
-
-def _shifted(prepared: Prepared, data: TraceData, name: str, error: np.ndarray) -> TraceData:
-    """The record with an error of a deceleration's chain taken as known; any other as it is."""
-    if prepared.model.kind != "impact" or name == OFFSET:
-        return data
-    record: Any = data.record
-    if name == CONTACT:
-        first = jnp.maximum(record.first_time - error, 0.0)
-        return replace(data, record=record.with_first_time(first))
-    return replace(data, record=record._replace(velocity=jnp.asarray(prepared.signal.velocity + error)))
 
 
 @padded(1, None)
@@ -336,9 +326,16 @@ def _relative(freed_error: Freed, which: np.ndarray) -> float:
 
 def structure_left(prepared: Prepared, name: str, freed_error: Freed) -> float:
     """The score of `bayestissue.inference.checking.model_form` with an error taken as the traces have it."""
-    data = _shifted(prepared, with_normal_errors(prepared.data), name, freed_error.error)
-    offset = freed_error.error[:, None] if name == OFFSET else 0.0
-    return float(judged_at(prepared, data, freed_error.centre, jax.random.PRNGKey(0), offset)["score"])
+    data, offset = with_normal_errors(prepared.data), np.zeros((1, 1))
+    record: Any = data.record
+    if name == OFFSET:
+        offset = freed_error.error[:, None]
+    elif name == CONTACT:
+        record = record.with_first_time(jnp.maximum(record.first_time - freed_error.error, 0.0))
+    else:
+        record = record._replace(velocity=jnp.asarray(prepared.signal.velocity + freed_error.error))
+    key = jax.random.PRNGKey(0)
+    return float(judged_at(prepared, replace(data, record=record), freed_error.centre, key, offset)["score"])
 
 
 def in_words(account: dict[str, Any]) -> str:

@@ -116,13 +116,13 @@ def _judged(
     values: Float[np.ndarray, " row"],
 ) -> tuple[float, dict[str, float]]:
     dummies = pd.get_dummies(levels, dtype=float).to_numpy()
-    white = solve_triangular(root, np.column_stack([y, x, dummies]), lower=True)
-    line_columns, left = white[:, 1 : 1 + x.shape[1]], white[:, [0, *range(1 + x.shape[1], white.shape[1])]]
-    left -= line_columns @ np.linalg.lstsq(line_columns, left, rcond=None)[0]
-    left_y, left_d = left[:, 0], left[:, 1:]
+    white_y, white_x, white_d = (solve_triangular(root, part, lower=True) for part in (y, x, dummies))
+    left_y, left_d = (
+        part - white_x @ np.linalg.lstsq(white_x, part, rcond=None)[0] for part in (white_y, white_d)
+    )
     u, size, vt = np.linalg.svd(left_d, full_matrices=False)
     # What the other columns and the line itself say has no size but rounding.
-    known = size > 1e-8 * np.linalg.norm(white[:, 1 + x.shape[1] :])
+    known = size > 1e-8 * np.linalg.norm(white_d)
     along = u[:, known].T @ left_y
     gamma = vt[known].T @ (along / size[known])
     line = np.column_stack([np.ones_like(values), values])

@@ -43,39 +43,27 @@ def common_log_factor(
     return prepared.common_mass_sd * standard
 
 
-def common_factors(
-    prepared: Prepared, population: Population, log_factor: Float[np.ndarray, "chain draw"]
-) -> dict[str, np.ndarray]:
-    """What all masses are to be multiplied by, and both gains where a force is recorded, by name."""
+def with_common_factor(
+    prepared: Prepared,
+    b: Float[np.ndarray, "chain draw location"],
+    log_factor: Float[np.ndarray, "chain draw"],
+    log_gain: Float[np.ndarray, "chain draw"] | None,
+) -> tuple[Float[np.ndarray, "chain draw location"], dict[str, np.ndarray]]:
+    """Effects at masses that are greater by a factor, and the factors by their names.
+
+    K, C and any mass of the element go with all masses; both gains have one where a force is recorded.
+    """
     factors = {MASS_FACTOR: np.exp(log_factor)}
-    if prepared.force is not None:
-        a = population.b[..., force_ratio(prepared.model.locations)]
-        factors[GAIN_FACTOR] = np.exp(a - log_factor)
-    return factors
+    if log_gain is not None:
+        factors[GAIN_FACTOR] = np.exp(log_gain)
+    model = prepared.model
+    return heavier(model.locations, b, log_factor, in_proportion_to_mass(model.element)), factors
 
 
 def declared_common_sd(prepared: Prepared) -> float | None:
     """Of the log of a factor that all masses have in common, as declared; None where each errs by itself."""
     known = prepared.force or prepared.reference
     return (prepared.common_mass_sd or None) if known is None else known.mass_sd
-
-
-def of_heavier_impactors(
-    model: TraceModel,
-    b: Float[np.ndarray, "chain draw location"],
-    log_factor: Float[np.ndarray, "chain draw"],
-) -> Float[np.ndarray, "chain draw location"]:
-    """Effects at masses that are greater by a factor: K, C and any mass of the element go with it."""
-    return heavier(model.locations, b, log_factor, in_proportion_to_mass(model.element))
-
-
-def own_log_factor(
-    prepared: Prepared, population: Population, u: Float[np.ndarray, "chain draw impact parameter"]
-) -> Float[np.ndarray, "chain draw impact"]:
-    """What an impact's own mass errs by beside `common_log_factor`, by a force's ratio to its mean."""
-    if prepared.force is None or not prepared.force.share:
-        return np.zeros(u.shape[:-1])
-    return u[..., -1] - population.b[..., force_ratio(prepared.model.locations)][..., None]
 
 
 @by_row(DRAWS, constant=2, axes=2)

@@ -29,16 +29,14 @@ from bayestissue.inference.quantities.mass_errors import (
     DRAWS,
     GAIN_FACTOR,
     MASS_FACTOR,
-    common_factors,
     common_log_factor,
     declared_common_sd,
     mass_errors,
-    of_heavier_impactors,
-    own_log_factor,
+    with_common_factor,
 )
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.model.hierarchy import derived
-from bayestissue.model.hierarchy.population import Population, shared_mass_errors
+from bayestissue.model.hierarchy.population import Population, force_ratio, shared_mass_errors
 from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.model.hierarchy.trace_models import TraceData, TraceModel, impacts_model
 
@@ -93,17 +91,21 @@ def posterior_draws(
         of_block = _each(partial(jax.random.fold_in, data=rows[0]), keys_of_kept)
         of_errors, of_mass = np.moveaxis(_each(jax.random.split, of_block), 2, 0)
         if log_factor is not None:
-            return log_factor[:, kept_numbers, None] + own_log_factor(prepared, of_kept, u), of_errors
+            errors = np.broadcast_to(log_factor[:, kept_numbers, None], u.shape[:-1])
+            if prepared.force and prepared.force.share:
+                # What an impact's own mass errs by besides, by a force's ratio to its mean.
+                errors = errors + u[..., -1] - of_kept.b[..., force_ratio(model.locations)][..., None]
+            return errors, of_errors
         # Of the design X b of these impacts is asked alone.
         of_rows = design._replace(cell=cell[rows[padded_rows(len(rows))]])
         error = mass_errors(model, of_rows, of_kept, padded_impacts(u, 2), of_mass)
         return error[:, :, : len(rows)], of_errors
 
     impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
-    b, factor = population.b, {}
+    b, factor = population.b, dict[str, np.ndarray]()
     if log_factor is not None:
-        b = of_heavier_impactors(model, b, log_factor)
-        factor = common_factors(prepared, population, log_factor)
+        log_gain = b[..., force_ratio(model.locations)] - log_factor if prepared.force else None
+        b, factor = with_common_factor(prepared, b, log_factor, log_gain)
     effects = derived.effects_by_name(model.locations, prepared.design, b)
     numbers = None if whole else kept_numbers
     return Draws(population.hyperparameters | effects | factor, impacts, kept_numbers=numbers)
@@ -119,13 +121,9 @@ def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator, *, sing
         error = np.asarray(shared_mass_errors(model.locations, data.design, jnp.asarray(drawn["locations"])))
     elif (common_sd := declared_common_sd(prepared)) is not None:
         error = np.broadcast_to(common_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
-        drawn["locations"] = of_heavier_impactors(model, drawn["locations"], error[..., 0])
-        factor = {MASS_FACTOR: np.exp(error[..., 0])}
-        if prepared.force is not None:
-            gain = prepared.force.gain_sd * np.asarray(
-                jax.random.normal(jax.random.fold_in(key, 2), u.shape[:2])
-            )
-            factor[GAIN_FACTOR] = np.exp(gain)
+        standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 2), u.shape[:2]))
+        log_gain = prepared.force.gain_sd * standard if prepared.force else None
+        drawn["locations"], factor = with_common_factor(prepared, drawn["locations"], error[..., 0], log_gain)
     else:
         error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 1), u.shape[:2]))

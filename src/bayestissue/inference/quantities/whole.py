@@ -18,6 +18,8 @@ from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M, Element
 from bayestissue.model.likelihood.element.impact import MeasuredImpact
 from bayestissue.model.likelihood.element.response import motion
 
+Column = Float[Array, " impact"]
+
 
 class Whole(NamedTuple):
     """An impact on element and discrepancy together, until the greatest depth.
@@ -37,19 +39,19 @@ class Whole(NamedTuple):
     x: Float[Array, "impact sample"]
     v: Float[Array, "impact sample"]
     force: Float[Array, "impact sample"]
-    peak: Float[Array, " impact"]
-    time: Float[Array, " impact"]
-    greatest: Float[Array, " impact"]
-    damping: Float[Array, " impact"]
+    peak: Column
+    time: Column
+    greatest: Column
+    damping: Column
 
     @property
-    def secant(self) -> Float[Array, " impact"]:
+    def secant(self) -> Column:
         """Force over depth at the greatest depth [N/m]."""
         return self.force[:, -1] / self.peak
 
 
 def whole_impact(
-    measured: MeasuredImpact, delta: Float[Array, "impact sample"], velocity_error: Float[Array, " impact"]
+    measured: MeasuredImpact, delta: Float[Array, "impact sample"], velocity_error: Column
 ) -> Whole:
     """The motion under a = d + delta, the element's own less delta's integrals.
 
@@ -105,7 +107,7 @@ def whole_impact(
 
 def integrals(
     delta: Float[Array, "*batch impact sample"],
-    first_time: Float[Array, " impact"],
+    first_time: Column,
     step: Float[Array, "impact _"],
 ) -> tuple[Float[Array, "*batch impact sample"], Float[Array, "*batch impact sample"]]:
     """The velocity and the displacement that delta takes off: its first and second integral from contact.
@@ -130,9 +132,7 @@ def static_force(element: Element, p: Parameters, depth: Array) -> Array:
     return element.force(depth, still, (still,) * element.states, p)
 
 
-def at_common_depth(
-    element: Element, p: Parameters, depth: Float[Array, " impact"]
-) -> Float[Array, " impact"]:
+def at_common_depth(element: Element, p: Parameters, depth: Column) -> Column:
     """F(x_c, 0) / x_c of an element's own law, under a ball of the reference diameter [N/m].
 
     Args:
@@ -147,9 +147,7 @@ def _under_reference_ball(p: Parameters, like: Array) -> dict[str, Array]:
     return {**p, "diameter_m": jnp.full_like(like, REFERENCE_DIAMETER_M)}
 
 
-def whole_at_common_depth(
-    measured: MeasuredImpact, whole: Whole, depth: Float[Array, " impact"]
-) -> Float[Array, " impact"]:
+def whole_at_common_depth(measured: MeasuredImpact, whole: Whole, depth: Column) -> Column:
     """(F - C v) / x_c when the depth first is x_c, F being element's and discrepancy's force together [N/m].
 
     C is `Whole.damping`: a record of one stroke tells a spring of unknown law from a damper by the force's
