@@ -14,7 +14,7 @@ from bayestissue.inference import fit as traces
 from bayestissue.inference.chain import chain_settings, draws
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
-from bayestissue.inference.execution.chunks import in_blocks
+from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
 from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import log_likelihoods
@@ -52,7 +52,7 @@ def test_blocks_end_to_end_are_the_whole(monkeypatch: pytest.MonkeyPatch, few: i
     monkeypatch.setattr(trace_blocks, "BLOCK", 4)
     monkeypatch.setattr(trace_blocks, "_FEW", few)
     data, told = data_of_sines(), []
-    found = in_blocks(data, sums, progress=lambda done, total: told.append((done, total)))
+    found = map_impacts(sums, data, np.arange(COUNT), progress=lambda done, total: told.append((done, total)))
     whole = sums(data, np.arange(COUNT))
     for name, values in whole.items():
         np.testing.assert_allclose(found[name], values, rtol=1e-13, atol=1e-15)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
-from scipy.special import stdtrit
+from scipy.stats import linregress
 
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence
@@ -128,16 +128,11 @@ def _form_words(channel: str, form: dict[str, Any]) -> str:
 
 def _slope(posterior: xr.Dataset, declared_kg: Float[np.ndarray, " impact"]) -> float:
     """Of the log of each impact's mass over the declared one on the log of that; 0 where it may be chance."""
-    x = np.log(declared_kg) - np.log(declared_kg).mean()
-    if len(x) < _FEWEST or np.ptp(x) < _LEAST_RANGE:
+    log_declared, mass = np.log(declared_kg), posterior["mass"].to_numpy()
+    if len(declared_kg) < _FEWEST or np.ptp(log_declared) < _LEAST_RANGE:
         return 0.0
-    ratio = np.log(posterior["mass"].to_numpy() / declared_kg)
-    y = np.median(ratio, axis=(0, 1))
-    slope = float(x @ y / (x @ x))
-    left = y - y.mean() - slope * x
-    scatter = np.sqrt(left @ left / (len(x) - 2))
-    clear = abs(slope) * np.sqrt(x @ x) > stdtrit(len(x) - 2, 1 - _BY_CHANCE / 2) * scatter
-    return slope if clear and abs(slope) > _LEAST_SLOPE else 0.0
+    line = linregress(log_declared, np.median(np.log(mass / declared_kg), axis=(0, 1)))
+    return float(line.slope) if line.pvalue < _BY_CHANCE and abs(line.slope) > _LEAST_SLOPE else 0.0
 
 
 def judge_reference(reference: Reference) -> dict[str, Any]:

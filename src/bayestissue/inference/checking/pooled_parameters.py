@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from jaxtyping import Float, Int
-from scipy.stats import f
+from scipy.stats import f_oneway
 
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded
@@ -101,8 +101,9 @@ def pooled_parameters(
             continue
         logs, z = _deviations(posterior, recorded, extra.name, rows)
         for term, grouping in telling.items():
-            p = min(1.0, 2 * float(np.median(_anova(z, grouping.code))))
-            middle = np.exp(np.median(_means(logs, grouping.code), axis=1))
+            of_levels = [grouping.code == number for number in range(len(grouping.levels))]
+            p = min(1.0, 2 * float(np.median(f_oneway(*(z[here] for here in of_levels)).pvalue)))
+            middle = np.exp([np.median(logs[here].mean(axis=0)) for here in of_levels])
             medians = dict(zip(map(str, grouping.levels), map(float, middle), strict=True))
             tested.append(Pooled(extra.name, grouping.name, term, p, medians, extra.unit))
     return [one for one in tested if one.p < level / len(tested)]
@@ -142,21 +143,3 @@ def _deviations(
     expected = log_at_levels(draws, recorded, name, conditions)
     z = (logs - expected) / draws[sd_impact(parameter)].to_numpy()[..., None]
     return logs.reshape(-1, len(rows)).T, z.reshape(-1, len(rows)).T
-
-
-def _means(values: Float[np.ndarray, "row draw"], code: Int[np.ndarray, " row"]) -> np.ndarray:
-    """Of each level, [level, draw]."""
-    count = np.bincount(code)
-    member = np.zeros((len(count), len(code)))
-    member[code, np.arange(len(code))] = 1
-    return member @ values / count[:, None]
-
-
-def _anova(z: Float[np.ndarray, "row draw"], code: Int[np.ndarray, " row"]) -> Float[np.ndarray, " draw"]:
-    """The p-value of a one-way analysis of variance, of each draw."""
-    count, means = np.bincount(code), _means(z, code)
-    between = (count[:, None] * (means - z.mean(0)) ** 2).sum(0)
-    within = ((z - means[code]) ** 2).sum(0)
-    levels, left = len(count) - 1, len(code) - len(count)
-    p: Float[np.ndarray, " draw"] = f.sf((between / levels) / (within / left), levels, left)
-    return p

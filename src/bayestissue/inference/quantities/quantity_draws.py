@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
 from bayestissue.base.padding import padded_impacts, padded_rows
-from bayestissue.inference.execution.chunks import in_blocks
+from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly, padded
 from bayestissue.inference.execution.kept import all_kept
 from bayestissue.inference.quantities.impact_quantities import (
@@ -142,9 +142,9 @@ def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> di
     """All quantities by the names of ``posterior.nc``; ``rng`` is for those of a new impact."""
     design, population, impacts = prepared.design, draws.population, draws.impacts
     values = derived.formula_quantities(design, population)
-    of_nuisance = [which for name in prepared.model.nuisance for which in (f"{name}_mean", f"sd_{name}")]
-    values |= {which: population[which] for which in of_nuisance if which in population}
-    values |= {name: population[name] for name in (MASS_FACTOR, GAIN_FACTOR) if name in population}
+    further = [which for name in prepared.model.nuisance for which in (f"{name}_mean", f"sd_{name}")]
+    further += [MASS_FACTOR, GAIN_FACTOR]
+    values |= {name: population[name] for name in further if name in population}
     levels = derived.level_quantities(design, values)
     values |= levels | {name: impacts[name] for name in NAMES if name in impacts}
     if "chain_error" in impacts:
@@ -178,7 +178,8 @@ def _of_impacts(
         # Half the memory.
         return {name: array.astype(np.float32) for name, array in values.items()} if single else values
 
-    return {name: np.moveaxis(values, 0, 2) for name, values in in_blocks(prepared.data, one).items()}
+    drawn = map_impacts(one, prepared.data, np.arange(u.shape[2]))
+    return {name: np.moveaxis(values, 0, 2) for name, values in drawn.items()}
 
 
 @padded(None, 2, 2, None)
