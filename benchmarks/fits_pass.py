@@ -26,6 +26,7 @@ from evidence.simulations import simulation, tables
 from studies import CHAIN, model_of
 
 from bayestissue.base import runtime
+from bayestissue.inference.chain.draws import ChainJob
 from bayestissue.inference.fit import fit_traces
 from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.studies.simulation import Simulation, simulate
@@ -51,7 +52,7 @@ def fitted(made: Simulation, model: str, seed: int) -> dict[str, Any]:
     specification = model_of(model)
     prepared = prepare(simulate(made).dataset(made.name), specification, source="the model file")
     start, worked = time.monotonic(), time.process_time()
-    diagnostics = fit_traces(prepared, specification, seed, lambda *_: None).diagnostics
+    diagnostics = fit_traces(ChainJob(prepared, specification.sampler, seed), specification).diagnostics
     worst = diagnostics["worst"]["r_hat"]
     return {
         "impacts": len(prepared.impacts),

@@ -173,10 +173,10 @@ def test_structured_residuals_ask_for_a_second_fit(dataset, fitted, monkeypatch,
     made = TraceAnalysis(tree, fitted.diagnostics | {"model_form": form}, fitted.tables)
     seen, said, asked = [], [], []
 
-    def fit_traces(prepared, specification, seed, say, *, checkpoints, beginning):
-        seen.append((prepared.model.discrepancy, checkpoints))
+    def fit_traces(job, specification, beginning):
+        seen.append((job.prepared.model.discrepancy, job.checkpoints))
         if beginning is None:
-            say("summarising each trace", 0, 1)
+            job.progress("summarising each trace", 0, 1)
         return made
 
     def judge(prepared, expansions, log_gain):

@@ -10,6 +10,7 @@ import pytest
 
 from bayestissue.base import resources
 from bayestissue.base.errors import InputError
+from bayestissue.inference.chain.draws import ChainJob
 from bayestissue.inference.checking.model_form import misfit_precheck
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.fit import fit_traces
@@ -60,7 +61,7 @@ def test_fit_holds_the_truth(name: str) -> None:
     made = campaign(name)
     given, specification = prepared(name, made)
     fewer = specification.model_copy(update={"sampler": Sampler(chains=2, draws=500)})
-    analysis = fit_traces(given, fewer, 1, lambda *_: None)
+    analysis = fit_traces(ChainJob(given, fewer.sampler, 1), fewer)
     posterior = analysis.tree["posterior"].dataset
     assert {"K_tangent", "K_secant", "C_equivalent", "energy_lost"} <= set(posterior)
     true = truths(name, made) | {

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from bayestissue.inference import fit
+from bayestissue.inference.chain.draws import ChainJob
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
 
 # R-hat passes at the third look, and effective sizes never.
@@ -23,7 +24,7 @@ def test_a_fit_ends_when_more_draws_would_not_mend_its_verdict(monkeypatch, draw
     runs = [Chains(number=number, shape=(4, 500)) for number in range(len(LOOKS))]
     seen = []
 
-    def label(prepared: Any, specification: Any, drawn: Any, chains: Any, *_: Any) -> Any:
+    def label(job: Any, specification: Any, drawn: Any, chains: Any) -> Any:
         seen.append(chains.number)
         passed = zip(("r-hat", "effective-sample-size"), LOOKS[chains.number], strict=True)
         checks = [{"code": code, "passed": each} for code, each in passed]
@@ -34,7 +35,8 @@ def test_a_fit_ends_when_more_draws_would_not_mend_its_verdict(monkeypatch, draw
     monkeypatch.setattr(fit, "label", label)
     sampler = Sampler(draws=draws, effective=effective)
     specification = ModelSpecification(name="impact", likelihood="impact", sampler=sampler)
-    analysis: Any = fit.fit_traces(None, specification, 1, lambda *_: None)  # type: ignore[arg-type]
+    job = ChainJob(None, sampler, 1)  # type: ignore[arg-type]
+    analysis: Any = fit.fit_traces(job, specification)
     assert seen == list(range(looks))
     # What is told is of the last draws.
     assert analysis.number == looks - 1

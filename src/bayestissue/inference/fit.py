@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -13,7 +12,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.result import Say
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
@@ -77,32 +75,23 @@ class TraceAnalysis:
 
 
 def fit_traces(
-    prepared: Prepared,
-    specification: ModelSpecification,
-    seed: int,
-    say: Say,
-    *,
-    beginning: GaussianFactor | ChainEnd | None = None,
-    checkpoints: Path | None = None,
+    job: ChainJob, specification: ModelSpecification, beginning: GaussianFactor | ChainEnd | None = None
 ) -> TraceAnalysis:
     """Sample the posterior of every impact and of the population, check it, and label everything.
 
     Where the chains agree on all that was drawn and not yet on what follows from it, they go on.
 
     Args:
-        prepared: model and data.
+        job: what is sampled, as the model file has it.
         specification: the model file.
-        seed: of all draws.
-        say: told the stage, how much of it is done, and its total.
         beginning: as of `samples`.
-        checkpoints: an existing folder for finished segments of the chains; see `chain_draws`.
     """
-    say("summarising each trace", 0, 1)
-    settings = specification.sampler
-    for chains in samples(ChainJob(prepared, settings, seed, say, checkpoints), beginning):
+    job.progress("summarising each trace", 0, 1)
+    settings = job.sampler
+    for chains in samples(job, beginning):
         thin = chains.thinned(settings.draws)
-        say("predicting", 0, 1)
-        analysis = label(prepared, specification, draws_of_chain(prepared, thin, seed), thin, seed, say)
+        job.progress("predicting", 0, 1)
+        analysis = label(job, specification, draws_of_chain(job.prepared, thin, job.seed), thin)
         thinned = thin.shape != chains.shape
         if not more_would_help(analysis.diagnostics, thinned=thinned, effective=settings.effective):
             break
@@ -140,17 +129,12 @@ def draws_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> Draws:
 
 
 def label(
-    prepared: Prepared,
-    specification: ModelSpecification,
-    draws: Draws,
-    chains: ChainDraws,
-    seed: int,
-    say: Say,
+    job: ChainJob, specification: ModelSpecification, draws: Draws, chains: ChainDraws
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of the draws."""
-    statistics = labelled({"lp": chains.log_likelihood})
-    tree = posterior_tree(prepared, specification, statistics, draws, seed)
-    say("checking and scoring", 0, 1)
+    prepared, statistics = job.prepared, labelled({"lp": chains.log_likelihood})
+    tree = posterior_tree(prepared, specification, statistics, draws, job.seed)
+    job.progress("checking and scoring", 0, 1)
     form = _form(prepared, draws, tree)
     scores, sensitivity = cross_validation(tree), prior_sensitivity(tree)
     budget = uncertainty_budget(prepared, draws)

@@ -21,6 +21,7 @@ from bayestissue.base.results.tables import typed
 from bayestissue.base.settings import read_text
 from bayestissue.base.words import Words
 from bayestissue.inference.answers.reliability import agreement
+from bayestissue.inference.chain.draws import ChainJob
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import another_element, model_form
 from bayestissue.inference.checking.findings import (
@@ -332,7 +333,7 @@ class FitJob:
         seed: of all draws.
         earlier: a run whose chains go on.
         say: told the stage, how much of it is done, and its total.
-        checkpoints: a folder for finished parts, see `fit_traces`; none are kept without.
+        checkpoints: a folder for finished parts, see `ChainJob`; none are kept without.
     """
 
     dataset: Dataset
@@ -395,14 +396,8 @@ class FitJob:
         return assemble(self.dataset, without, self.prepared.design, self.prepared.signal)
 
     def _sampled(self, beginning: GaussianFactor | ChainEnd | None = None) -> TraceAnalysis:
-        return fit_traces(
-            self.prepared,
-            self.specification,
-            self.seed,
-            self.say,
-            beginning=beginning,
-            checkpoints=self.checkpoints,
-        )
+        job = ChainJob(self.prepared, self.specification.sampler, self.seed, self.say, self.checkpoints)
+        return fit_traces(job, self.specification, beginning)
 
     def _again(self, besides: str, prepared: Prepared) -> FitJob:
         """A second fit, its stages told and its checkpoints kept apart from those of the first."""
