@@ -166,8 +166,7 @@ def described(tree: xr.DataTree) -> dict[str, Any]:
 
 def of_impacts(draws: xr.DataArray) -> pd.Series:
     """The median of each impact, by its name."""
-    medians = draws.median([name for name in draws.dims if name != "impact"])
-    return pd.Series(medians.to_numpy(), medians["impact"].to_numpy().astype(str))
+    return draws.median([name for name in draws.dims if name != "impact"]).to_series()
 
 
 def stated(form: dict[str, Any], chain: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:

@@ -207,10 +207,10 @@ def comparable_draws(posterior: xr.Dataset, groups: Mapping[str, np.ndarray]) ->
         source = next((candidate for candidate in sources if candidate in posterior), None)
         if source is None or "impact" not in posterior[source].dims:
             continue
-        logs = np.log(posterior[source])
+        logs = xr.apply_ufunc(np.log, posterior[source])
         means = {"impacts": logs.mean("impact")} | {
             stem_of(of): logs.assign_coords({of: ("impact", levels)}).groupby(of).mean("impact")
             for of, levels in groups.items()
         }
-        comparable |= {f"{name}_of_{of}": np.exp(mean) for of, mean in means.items()}
+        comparable |= {f"{name}_of_{of}": xr.apply_ufunc(np.exp, mean) for of, mean in means.items()}
     return comparable

@@ -97,9 +97,8 @@ def design_variables(design: Design) -> dict[str, Variable]:
     for name in design.groupings:
         table |= _worded("design.grouping", stem=stem_of(name), grouping=name)
         table[f"impact_{stem_of(name)}"] = Variable({"long_name": f"the impact's {name}"}, ("impact",))
-        of_levels = f"each {name} at the reference mass"
-        if name in _ONE_COLUMN:
-            of_levels = LEVELS[f"_{name}"].of
+        at_reference = f"each {name} at the reference mass"
+        of_levels = LEVELS[f"_{name}"].of if name in _ONE_COLUMN else at_reference
         for words in words_of.values():
             table |= _worded("design.level", stem=stem_of(name), level=of_levels, grouping=name, **words)
     for q, part in design.responses.items():

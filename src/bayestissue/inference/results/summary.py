@@ -57,8 +57,7 @@ def _of_variable(name: str, array: xr.DataArray) -> pd.DataFrame:
     }
     if not thinned:
         sampled = convergence(draws)
-        columns |= {"ess_bulk": sampled.ess_bulk, "ess_tail": sampled.ess_tail, "r_hat": sampled.r_hat}
-        columns["mcse_mean"] = sd / np.sqrt(sampled.ess_mean)
+        columns |= sampled._asdict() | {"mcse_mean": sd / np.sqrt(sampled.ess_mean)}
     return pd.DataFrame(columns).reindex(columns=COLUMNS)
 
 

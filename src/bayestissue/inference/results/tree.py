@@ -119,18 +119,17 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
             for name, grouping in prepared.design.groupings.items()
         },
         **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(record.errors)},
-        **{
-            f"column_{stem_of(name)}": column.to_numpy(
-                float if pd.api.types.is_numeric_dtype(column) else str
-            )
-            for name, column in prepared.impacts[_columns(prepared)].items()
-        },
+        **{f"column_{stem_of(name)}": _values(prepared.impacts[name]) for name in _columns(prepared)},
     }
 
 
 def _columns(prepared: Prepared) -> list[str]:
     """The columns of the impacts that formulas may name and that stand nowhere else."""
     return [str(name) for name in prepared.impacts if name not in RESERVED and "/" not in str(name)]
+
+
+def _values(column: pd.Series) -> np.ndarray:
+    return column.to_numpy(float if pd.api.types.is_numeric_dtype(column) else str)
 
 
 def _prior_groups(
