@@ -51,6 +51,9 @@ from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.model.hierarchy.trace_data import Prepared
 
+# What chains begin with: the traces' own expansions, if they are at hand; or where an earlier run ended.
+type Beginning = GaussianFactor | ChainEnd | None
+
 
 @dataclass(frozen=True)
 class TraceAnalysis:
@@ -75,7 +78,7 @@ class TraceAnalysis:
 
 
 def fit_traces(
-    job: ChainJob, specification: ModelSpecification, beginning: GaussianFactor | ChainEnd | None = None
+    job: ChainJob, specification: ModelSpecification, beginning: Beginning = None
 ) -> TraceAnalysis:
     """Sample the posterior of every impact and of the population, check it, and label everything.
 
@@ -103,12 +106,12 @@ def sample(prepared: Prepared, sampler: Sampler, seed: int) -> ChainDraws:
     return next(samples(ChainJob(prepared, sampler, seed)))
 
 
-def samples(job: ChainJob, beginning: GaussianFactor | ChainEnd | None = None) -> Iterator[ChainDraws]:
+def samples(job: ChainJob, beginning: Beginning = None) -> Iterator[ChainDraws]:
     """Draws of hyperparameters, effects and impacts as `chain_draws` yields them; see `fit_traces`.
 
     Args:
         job: what is sampled.
-        beginning: `expanded` of the same, if it is at hand; or where an earlier run ended, to go on with.
+        beginning: `expanded` of the same, if it is at hand; or what to go on with.
     """
     if not isinstance(beginning, ChainEnd):
         finding = partial(job.progress, "looking for other explanations of each trace")

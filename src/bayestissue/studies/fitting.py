@@ -21,7 +21,6 @@ from bayestissue.base.results.tables import typed
 from bayestissue.base.settings import read_text
 from bayestissue.base.words import Words
 from bayestissue.inference.answers.reliability import agreement
-from bayestissue.inference.chain.draws import ChainJob
 from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.checking import another_element, model_form
 from bayestissue.inference.checking.findings import (
@@ -42,7 +41,7 @@ from bayestissue.inference.checking.recording_warnings import (
     unused_channels,
 )
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.fit import TraceAnalysis, fit_traces
+from bayestissue.inference.fit import Beginning, ChainJob, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import ANOTHER_VELOCITY
 from bayestissue.inference.results.meanings import COLUMNS, symbols
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
@@ -395,13 +394,13 @@ class FitJob:
         without = self.specification.model_copy(update={"discrepancy": "none"})
         return assemble(self.dataset, without, self.prepared.design, self.prepared.signal)
 
-    def _sampled(self, beginning: GaussianFactor | ChainEnd | None = None) -> TraceAnalysis:
+    def _sampled(self, beginning: Beginning) -> TraceAnalysis:
         job = ChainJob(self.prepared, self.specification.sampler, self.seed, self.say, self.checkpoints)
         return fit_traces(job, self.specification, beginning)
 
     def _again(self, besides: str, prepared: Prepared) -> FitJob:
         """A second fit, its stages told and its checkpoints kept apart from those of the first."""
-        parts = None if self.checkpoints is None else self.checkpoints / besides.split()[-1]
+        parts = self.checkpoints and self.checkpoints / besides.split()[-1]
         if parts is not None:
             parts.mkdir(exist_ok=True)
 
@@ -451,7 +450,7 @@ class FitJob:
             return None
         of_spring = replace(of_spring, reference=self.prepared.reference)
         job = replace(self._again("a stiffening spring", of_spring), specification=stiffens)
-        second = job._sampled()
+        second = job._sampled(None)
         return (job, _with_element(second, told)) if another_element.explains(second.diagnostics) else None
 
     def _of_recordings(
@@ -560,8 +559,9 @@ class FitJob:
 
 def _with_element(analysis: TraceAnalysis, told: dict[str, Any]) -> TraceAnalysis:
     """A fit, with why it has another element than the model file."""
-    diagnostics = analysis.diagnostics | ({"another_element": told} if told else {})
-    return replace(analysis, diagnostics=diagnostics)
+    if not told:
+        return analysis
+    return replace(analysis, diagnostics=analysis.diagnostics | {"another_element": told})
 
 
 def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) -> dict[str, Any]:

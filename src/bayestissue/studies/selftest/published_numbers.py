@@ -71,7 +71,7 @@ def _budget(standard_uncertainties: Mapping[str, float]) -> dict[str, float]:
     noise = 1e-4 * sd.max()
     budget = by_source(np.full((1, 1, 1), 1 / noise), sd[None, :, None] / noise, list(standard_uncertainties))
     parts = {name: np.sqrt(part[0, 0, 0]) for name, part in budget.items() if name != NOISE}
-    return {**parts, "combined": np.sqrt(sum(part[0, 0, 0] for part in budget.values()))}
+    return {**parts, "combined": np.sqrt(np.sum([*budget.values()]))}
 
 
 # By input: sensitivity coefficient times standard uncertainty [nm], as measured in the example.
