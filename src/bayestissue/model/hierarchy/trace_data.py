@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -16,7 +17,7 @@ from numpyro.infer.reparam import LocScaleReparam
 
 from bayestissue.base.errors import InputError, Problem, along_with
 from bayestissue.mechanics.elements import element
-from bayestissue.mechanics.elements.element import GRAVITY, REFERENCE_DIAMETER_M
+from bayestissue.mechanics.elements.element import GRAVITY, REFERENCE_DIAMETER_M, Element
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.combinations import refused, unsuited
 from bayestissue.model.hierarchy.derived import effects_by_name
@@ -28,7 +29,12 @@ from bayestissue.model.hierarchy.force_data import (
 )
 from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.identifiability import missing
-from bayestissue.model.hierarchy.population import SharedMasses, population_design, whose_errors
+from bayestissue.model.hierarchy.population import (
+    EffectParts,
+    SharedMasses,
+    population_design,
+    whose_errors,
+)
 from bayestissue.model.hierarchy.priors import normal
 from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_of
 from bayestissue.model.hierarchy.reference import Reference
@@ -40,15 +46,13 @@ from bayestissue.model.hierarchy.trace_models import (
     Record,
     TraceData,
     TraceModel,
-    nuisance_of,
     plain_model,
 )
-from bayestissue.model.likelihood.arma.displacements import displacement_record
+from bayestissue.model.likelihood.arma.displacements import DisplacementRecord, displacement_record
 from bayestissue.model.likelihood.element.noise import discrepancy_modes
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
 from bayestissue.model.likelihood.element.recorder import Colour, LowPass
 from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
-from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.signal import Displacements, displacements
 from bayestissue.recordings.signal.displacement import BEFORE, BELOW_ZERO, FEWEST_SAMPLES
@@ -126,18 +130,13 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
     problems = too_short(dataset, signal, source)
     if problems:
         raise InputError(problems)
-    force = _force(dataset, specification, signal) if dataset.channels else None
+    if not dataset.channels:
+        return assemble(dataset, specification, design, signal)
+    recordings = _Recordings(dataset, specification, signal)
+    force = no_force(specification) or prepared_force(dataset, signal, recordings.low_pass, recordings.reach)
     if isinstance(force, str):
         return replace(assemble(dataset, specification, design, signal), force_unused=force)
     return assemble(dataset, specification, design, signal, force)
-
-
-def _force(dataset: Dataset, specification: ModelSpecification, signal: Displacements) -> PreparedForce | str:
-    """The force beside the decelerations, or why the fit can't be of it."""
-    if words := no_force(specification):
-        return words
-    low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
-    return prepared_force(dataset, signal, low_pass, reach)
 
 
 def no_force(specification: ModelSpecification) -> str:
@@ -178,7 +177,7 @@ def assemble(
 ) -> Prepared:
     """Model and data of a fit whose design and displacements are made, of a force too if there is one."""
     kind: Kind = specification.likelihood  # type: ignore[assignment]
-    priors, discrepancy = specification.complete_priors(design.terms), specification.discrepancy == "always"
+    priors = specification.complete_priors(design.terms)
     if force is not None and tells_added_mass(force, specification.element):
         declared = max(float(np.hypot(force.mass_sd, force.gain_sd)), _LEAST_RATIO_SD)
         priors = priors.model_copy(update={"log_force_ratio": normal(0.0, declared)})
@@ -189,15 +188,7 @@ def assemble(
         # Each impact then has no error of it besides.
         exact = dataset.uncertainty.model_copy(update={"relative_gain_sd": 0.0})
         dataset = dataset.with_settings(uncertainty=exact)
-    estimated = kind == "impact" and _estimates_contact(dataset, specification, signal)
-    nuisance = nuisance_of(
-        kind,
-        specification.element,
-        discrepancy=discrepancy,
-        force=force is not None,
-        contact=estimated,
-        gain=gain_sd > 0,
-    )
+    recordings = _Recordings(dataset, specification, signal, force)
     # With a force the errors of mass are what it is over mass times deceleration.
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if force is None else 0.0
     whose, common_mass_sd = whose_errors(specification.mass_error, signal.mass), 0.0
@@ -206,21 +197,21 @@ def assemble(
     masses = SharedMasses.stated(
         whose, relative_mass_sd, design.subject, signal.mass, in_proportion_to_mass(specification.element)
     )
-    effects, columns = population_design(design, priors, nuisance, masses)
     model = TraceModel(
         kind,
-        effects,
+        EffectParts(()),
         priors,
         specification.residual_correlation,
         relative_mass_sd,
         specification.element,
-        discrepancy,
-        dataset.headform,
-        force is not None,
-        estimated,
-        gain_sd > 0,
+        discrepancy=recordings.has_discrepancy,
+        headform=dataset.headform,
+        force=force is not None,
+        contact=kind == "impact" and recordings.estimate_contact,
+        gain=gain_sd > 0,
     )
-    record, peak = _record(dataset, specification, signal, force)
+    effects, columns = population_design(design, priors, model.nuisance, masses)
+    record, peak = recordings.record_and_peak()
     data = TraceData(
         record,
         jax.device_put(columns),
@@ -229,7 +220,7 @@ def assemble(
         jax.device_put(np.log(np.maximum(peak, 1e-300))),
     )
     return Prepared(
-        model,
+        replace(model, locations=effects),
         data,
         design,
         signal,
@@ -285,44 +276,6 @@ def _empty_cells(dataset: Dataset, formulas: Formulas) -> list[Problem]:
     return problems
 
 
-def _record(
-    dataset: Dataset,
-    specification: ModelSpecification,
-    signal: Displacements,
-    force: PreparedForce | None,
-) -> tuple[Record, np.ndarray]:
-    """The traces with the standard deviations of their linear errors, and each trace's peak."""
-    chain = dataset.uncertainty
-    velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)
-    # What a quiet part before contact tells of the offset replaces what was declared of it.
-    offset_sd = signal.quiet.zero_sd(chain.offset_sd)
-    if specification.likelihood == "impact":
-        record = _deceleration_record(dataset, specification, signal, velocity_sd, offset_sd, force)
-        return record, np.abs(signal.deceleration).max(axis=1)
-    gravity = signal.gravity if dataset.gravity else None
-    level_sd = signal.velocity * signal.contact.sd
-    # Along gravity a gain in error is an offset too, and a contact time a velocity.
-    velocity_sd = np.hypot(velocity_sd, signal.gravity * signal.contact.sd)
-    offset_sd = np.hypot(offset_sd, signal.gravity * chain.relative_gain_sd)
-    if dataset.quantity == "displacement":
-        level_sd = np.hypot(level_sd, chain.offset_sd)
-        velocity_sd, offset_sd = np.zeros_like(velocity_sd), np.zeros_like(offset_sd)
-    errors = np.stack([level_sd, velocity_sd, offset_sd], axis=1)
-    start = (signal.n_samples, signal.contact.since_s, signal.dt)
-    of_traces = displacement_record(signal.x, *start, errors, gravity)
-    if dataset.quantity != "displacement":
-        share = _share(chain.velocity_sd_m_s, velocity_sd)
-        known = (jnp.asarray(signal.velocity), jnp.asarray(share))
-        of_traces = of_traces._replace(velocity=known[0], velocity_share=known[1])
-    return of_traces, signal.stop.x
-
-
-def _diameters(dataset: Dataset) -> dict[str, np.ndarray]:
-    """The impactors' diameters, as an element's functions take them."""
-    diameter = dataset.impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, dataset.impacts.index))
-    return {"diameter_m": diameter.astype(float).fillna(REFERENCE_DIAMETER_M).to_numpy()}
-
-
 def _share(velocity_sd: float, together: np.ndarray) -> np.ndarray:
     """Of the variance of errors that act together, that of the velocity's."""
     return np.divide(velocity_sd**2, together**2, out=np.ones_like(together), where=together > 0)
@@ -334,56 +287,6 @@ def common_depth(signal: Displacements) -> float:
     It comes from the recordings, so that it is one number: the same for every impact and every draw.
     """
     return float(signal.x.max(axis=1).min())
-
-
-def _deceleration_record(
-    dataset: Dataset,
-    specification: ModelSpecification,
-    signal: Displacements,
-    velocity_sd: np.ndarray,
-    offset_sd: np.ndarray,
-    force: PreparedForce | None,
-) -> DecelerationRecord:
-    """The record of decelerations, ``velocity_sd`` being that of velocity and gain together."""
-    low_pass, reach = _low_pass_and_reach(dataset, specification, signal)
-    start, estimated = signal.contact, _estimates_contact(dataset, specification, signal)
-    interval = signal.dt if reach else start.interval_s
-    elsewhere = ~(estimated & (interval > 0))
-    known = Contact.known(start.bracket_uniform)
-    begin = _Beginning(known, np.where(elsewhere, start.bracket_sd, 0.0), offset_sd)
-    if reach:
-        begin = _in_cells(dataset, specification, signal, offset_sd, reach)
-    contact = begin.contact._replace(uniform=begin.contact.uniform & elsewhere)
-    errors, velocity_share = _errors(dataset, specification, signal, velocity_sd, begin, force, reach)
-    gravity = {GRAVITY: signal.gravity} if dataset.gravity else {}
-    record = DecelerationRecord.from_arrays(
-        signal.deceleration,
-        signal.n_samples,
-        start.bracket_s,
-        signal.dt,
-        signal.velocity,
-        np.stack(errors, axis=1),
-        signal.mass,
-        _diameters(dataset) | gravity,
-        contact,
-    )
-    if specification.discrepancy == "always":
-        # It takes up what a wrong moment of contact does to a trace.
-        record = record._replace(discrepancy=discrepancy_modes(signal.n_samples, signal.sample_numbers))
-    if begin.colour is not None:
-        colour, rate = begin.colour
-        record = record._replace(colour=colour, rate=jnp.asarray(rate))
-    shared = element(specification.element).added_mass is not None
-    return record._replace(
-        shared_by=jnp.full(len(signal.dt), float(len(signal.dt))) if shared else None,
-        velocity_share=jnp.asarray(velocity_share),
-        common_depth=jnp.asarray(np.full(len(signal.dt), common_depth(signal))),
-        low_pass=low_pass,
-        uneven=_uneven_times(signal, reach),
-        clipped=jnp.asarray(signal.clipped) if signal.clipped.any() else None,
-        interval=jnp.asarray(interval) if estimated else None,
-        force=None if force is None else jax.tree.map(jnp.asarray, force.rows),
-    )
 
 
 class _Beginning(NamedTuple):
@@ -402,72 +305,198 @@ class _Beginning(NamedTuple):
     colour: tuple[Colour, np.ndarray] | None = None
 
 
-def _in_cells(
-    dataset: Dataset,
-    specification: ModelSpecification,
-    signal: Displacements,
-    offset_sd: np.ndarray,
-    reach: int,
-) -> _Beginning:
-    """Contact in any of so many sampling intervals before the first sample.
+@dataclass(frozen=True)
+class _Recordings:
+    """What the likelihood's record of the traces is made of.
 
-    The likelihood asks the samples itself when contact was; what they said of it must not count twice. Cells
-    are of one sampling interval: over three a trace is not linear in the moment, and of traces of sixty
-    samples 90 % intervals of Hunt and Crossley's C then held 85 %.
+    Attributes:
+        dataset: the recordings, and what is declared of their errors.
+        specification: the model.
+        signal: the recordings over their windows.
+        force: recorded beside the decelerations, if the fit is of it too.
     """
-    recorder, place = dataset.recorder, signal.phase.place if signal.phase.known else None
-    contact_sd = reach * signal.dt / np.sqrt(12)
-    before = np.pad(signal.before.value, ((0, 0), (max(0, reach - BEFORE), 0)))
-    before = before[:, before.shape[1] - reach :]
-    n_before = np.minimum(signal.before.n_samples, reach)
-    n_quiet = np.maximum(n_before - signal.before.n_since_quiet, 0)
-    share = white_share(dataset, signal) if recorder is not None else 1.0
-    if recorder is not None and share < 1:
-        rows = reach + signal.deceleration.shape[1]
-        colour, rate, longer = filtered_noise(recorder, share, rows, signal.dt)
-        offset_sd = np.where(signal.quiet.there, longer * offset_sd, offset_sd)
-        contact = Contact.anywhere(before, n_before, n_quiet=n_quiet)
-        return _Beginning(contact, contact_sd, offset_sd, (colour, rate))
-    if specification.discrepancy != "always":
-        noise_sd = np.maximum(signal.quiet.noise_sd, 1e-12)
-        contact = Contact.anywhere(before, n_before, noise_sd, place, n_quiet)
-    else:
-        contact = Contact.anywhere(before, np.zeros_like(n_before), place=place)
-    return _Beginning(contact, contact_sd, offset_sd)
 
+    dataset: Dataset
+    specification: ModelSpecification
+    signal: Displacements
+    force: PreparedForce | None = None
 
-def _errors(
-    dataset: Dataset,
-    specification: ModelSpecification,
-    signal: Displacements,
-    velocity_sd: np.ndarray,
-    begin: _Beginning,
-    force: PreparedForce | None,
-    reach: int,
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """Standard deviations of each impact's errors of the chain, and the velocity's share of the first.
+    @property
+    def element(self) -> Element:
+        """What the impactor meets."""
+        return element(self.specification.element)
 
-    A spring and damper's motion is in proportion to the velocity: errors of velocity and gain are then one
-    error of both, unless something else tells them apart. Gravity does, and a force.
-    """
-    chain, number = dataset.uncertainty, len(signal.dt)
-    of_contact = [begin.offset_sd, begin.contact_sd]
-    side_by_side = specification.element == SIDE_BY_SIDE
-    discrepancy, recorder = specification.discrepancy == "always", dataset.recorder
-    share = _share(chain.velocity_sd_m_s, velocity_sd)
-    # Of an impact along gravity an error of the gain is not one of the velocity.
-    separate = recorder or discrepancy or reach or force or (dataset.gravity and chain.relative_gain_sd)
-    if side_by_side and not separate:
-        return [velocity_sd, *of_contact], share
-    if side_by_side and recorder is not None and not dataset.gravity and force is None:
-        return [velocity_sd, np.zeros(number), *of_contact], share
-    # The height of recordings tells a mass that moves along in all of them: what impacts share of the errors
-    # of velocity and gain, which nothing says, must not average out. So much wider, they tell together what
-    # one impact does.
-    shared = np.sqrt(number) if element(specification.element).added_mass else 1.0
-    of_both = [np.full(number, shared * sd) for sd in (chain.velocity_sd_m_s, chain.relative_gain_sd)]
-    of_force = [] if force is None else [force.offset_sd, force.clock_sd]
-    return [*of_both, *of_force, *of_contact], np.ones(number)
+    @property
+    def has_discrepancy(self) -> bool:
+        """Whether it meets something else besides."""
+        return self.specification.discrepancy == "always"
+
+    @cached_property
+    def low_pass(self) -> LowPass | None:
+        """Of the decelerations."""
+        recorder = self.dataset.recorder
+        return None if recorder is None else low_pass_of(recorder, self.signal.dt)
+
+    @cached_property
+    def reach(self) -> int:
+        """In how many sampling intervals before the first sample contact may be; none where it is known."""
+        signal, recorder = self.signal, self.dataset.recorder
+        if recorder is not None and self.low_pass is not None:
+            # No force jumps behind it.
+            late = signal.before.reach_s + delay(recorder)
+            return int(np.ceil((late / signal.dt).max())) + self.low_pass.lead
+        if self.has_discrepancy:
+            return 0
+        if not self.element.jumps and (signal.before.reach_s > 0).all():
+            return min(int(np.ceil((signal.before.reach_s / signal.dt).max())), BEFORE)
+        if signal.before.blurred.any():
+            # Noise hides the jump: contact is anywhere between two moments, too far apart to be linear in.
+            return min(int(np.ceil((2 * signal.contact.bracket_s / signal.dt).max())), BEFORE)
+        return 0
+
+    @cached_property
+    def estimate_contact(self) -> bool:
+        """Whether the place of contact in its sampling interval is a parameter of each impact.
+
+        Where it is to be estimated, and where samples are so few that a trace is not linear in an error of
+        it. Where contact may lie in several intervals, as noise hides a jump, its place is the same in each
+        of them.
+        """
+        signal = self.signal
+        undecided = signal.phase.kind == "undecided"
+        if self.reach:
+            return undecided and self.element.jumps and not signal.uneven.any()
+        asked = undecided or (signal.phase.kind == "between" and _bent(signal))
+        return asked and bool((signal.contact.interval_s > 0).any())
+
+    @property
+    def velocity_sd(self) -> np.ndarray:
+        """Standard deviation of the errors of velocity and gain together [m/s]."""
+        chain = self.dataset.uncertainty
+        return np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * self.signal.velocity)
+
+    @property
+    def zero_sd(self) -> np.ndarray:
+        """Standard deviation of the zero [m/s^2]: what a quiet part before contact tells, or as declared."""
+        return self.signal.quiet.zero_sd(self.dataset.uncertainty.offset_sd)
+
+    def record_and_peak(self) -> tuple[Record, np.ndarray]:
+        """The traces with the standard deviations of their linear errors, and each trace's peak."""
+        if self.specification.likelihood == "impact":
+            return self._decelerations(), np.abs(self.signal.deceleration).max(axis=1)
+        return self._displacements(), self.signal.stop.x
+
+    def _displacements(self) -> DisplacementRecord:
+        dataset, signal, chain = self.dataset, self.signal, self.dataset.uncertainty
+        level_sd = signal.velocity * signal.contact.sd
+        # Along gravity a gain in error is an offset too, and a contact time a velocity.
+        velocity_sd = np.hypot(self.velocity_sd, signal.gravity * signal.contact.sd)
+        offset_sd = np.hypot(self.zero_sd, signal.gravity * chain.relative_gain_sd)
+        if dataset.quantity == "displacement":
+            level_sd = np.hypot(level_sd, chain.offset_sd)
+            velocity_sd, offset_sd = np.zeros_like(velocity_sd), np.zeros_like(offset_sd)
+        errors = np.stack([level_sd, velocity_sd, offset_sd], axis=1)
+        start = (signal.n_samples, signal.contact.since_s, signal.dt)
+        record = displacement_record(signal.x, *start, errors, signal.gravity if dataset.gravity else None)
+        if dataset.quantity == "displacement":
+            return record
+        share = jnp.asarray(_share(chain.velocity_sd_m_s, velocity_sd))
+        return record._replace(velocity=jnp.asarray(signal.velocity), velocity_share=share)
+
+    def _decelerations(self) -> DecelerationRecord:
+        dataset, signal, start = self.dataset, self.signal, self.signal.contact
+        number = len(signal.dt)
+        interval = signal.dt if self.reach else start.interval_s
+        elsewhere = ~(self.estimate_contact & (interval > 0))
+        known = Contact.known(start.bracket_uniform)
+        begin = _Beginning(known, np.where(elsewhere, start.bracket_sd, 0.0), self.zero_sd)
+        if self.reach:
+            begin = self._in_cells()
+        errors, velocity_share = self._errors(begin)
+        diameter = dataset.impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, dataset.impacts.index))
+        surroundings = {"diameter_m": diameter.astype(float).fillna(REFERENCE_DIAMETER_M).to_numpy()}
+        record = DecelerationRecord.from_arrays(
+            signal.deceleration,
+            signal.n_samples,
+            start.bracket_s,
+            signal.dt,
+            signal.velocity,
+            np.stack(errors, axis=1),
+            signal.mass,
+            surroundings | ({GRAVITY: signal.gravity} if dataset.gravity else {}),
+            begin.contact._replace(uniform=begin.contact.uniform & elsewhere),
+        )
+        if self.has_discrepancy:
+            # It takes up what a wrong moment of contact does to a trace.
+            record = record._replace(discrepancy=discrepancy_modes(signal.n_samples, signal.sample_numbers))
+        if begin.colour is not None:
+            colour, rate = begin.colour
+            record = record._replace(colour=colour, rate=jnp.asarray(rate))
+        shared = self.element.added_mass is not None
+        return record._replace(
+            shared_by=jnp.full(number, float(number)) if shared else None,
+            velocity_share=jnp.asarray(velocity_share),
+            common_depth=jnp.asarray(np.full(number, common_depth(signal))),
+            low_pass=self.low_pass,
+            uneven=_uneven_times(signal, self.reach),
+            clipped=jnp.asarray(signal.clipped) if signal.clipped.any() else None,
+            interval=jnp.asarray(interval) if self.estimate_contact else None,
+            force=None if self.force is None else jax.tree.map(jnp.asarray, self.force.rows),
+        )
+
+    def _in_cells(self) -> _Beginning:
+        """Contact in any of so many sampling intervals before the first sample.
+
+        The likelihood asks the samples itself when contact was; what they said of it must not count twice.
+        Cells are of one sampling interval: over three a trace is not linear in the moment, and of traces of
+        sixty samples 90 % intervals of Hunt and Crossley's C then held 85 %.
+        """
+        signal, reach, recorder = self.signal, self.reach, self.dataset.recorder
+        place = signal.phase.place if signal.phase.known else None
+        contact_sd = reach * signal.dt / np.sqrt(12)
+        before = np.pad(signal.before.value, ((0, 0), (max(0, reach - BEFORE), 0)))
+        before = before[:, before.shape[1] - reach :]
+        n_before = np.minimum(signal.before.n_samples, reach)
+        n_quiet = np.maximum(n_before - signal.before.n_since_quiet, 0)
+        share = white_share(self.dataset, signal) if recorder is not None else 1.0
+        if recorder is not None and share < 1:
+            rows = reach + signal.deceleration.shape[1]
+            colour, rate, longer = filtered_noise(recorder, share, rows, signal.dt)
+            offset_sd = np.where(signal.quiet.there, longer * self.zero_sd, self.zero_sd)
+            contact = Contact.anywhere(before, n_before, n_quiet=n_quiet)
+            return _Beginning(contact, contact_sd, offset_sd, (colour, rate))
+        if self.has_discrepancy:
+            contact = Contact.anywhere(before, np.zeros_like(n_before), place=place)
+        else:
+            noise_sd = np.maximum(signal.quiet.noise_sd, 1e-12)
+            contact = Contact.anywhere(before, n_before, noise_sd, place, n_quiet)
+        return _Beginning(contact, contact_sd, self.zero_sd)
+
+    def _errors(self, begin: _Beginning) -> tuple[list[np.ndarray], np.ndarray]:
+        """Standard deviations of each impact's errors of the chain, and the velocity's share of the first.
+
+        A spring and damper's motion is in proportion to the velocity: errors of velocity and gain are then
+        one error of both, unless something else tells them apart. Gravity does, and a force.
+        """
+        dataset, chain, force = self.dataset, self.dataset.uncertainty, self.force
+        number = len(self.signal.dt)
+        of_contact = [begin.offset_sd, begin.contact_sd]
+        side_by_side = self.specification.element == SIDE_BY_SIDE
+        share = _share(chain.velocity_sd_m_s, self.velocity_sd)
+        # Of an impact along gravity an error of the gain is not one of the velocity.
+        along_gravity = dataset.gravity and chain.relative_gain_sd
+        separate = dataset.recorder or self.has_discrepancy or self.reach or force or along_gravity
+        if side_by_side and not separate:
+            return [self.velocity_sd, *of_contact], share
+        if side_by_side and dataset.recorder is not None and not dataset.gravity and force is None:
+            return [self.velocity_sd, np.zeros(number), *of_contact], share
+        # The height of recordings tells a mass that moves along in all of them: what impacts share of the
+        # errors of velocity and gain, which nothing says, must not average out. So much wider, they tell
+        # together what one impact does.
+        shared = np.sqrt(number) if self.element.added_mass else 1.0
+        of_both = [np.full(number, shared * sd) for sd in (chain.velocity_sd_m_s, chain.relative_gain_sd)]
+        of_force = [] if force is None else [force.offset_sd, force.clock_sd]
+        return [*of_both, *of_force, *of_contact], np.ones(number)
 
 
 def _uneven_times(signal: Displacements, reach: int) -> UnevenTimes | None:
@@ -477,27 +506,6 @@ def _uneven_times(signal: Displacements, reach: int) -> UnevenTimes | None:
     # Past a row's end any times serve, but none that fall.
     later = np.maximum.accumulate(signal.time_s, axis=1)
     return UnevenTimes(jnp.asarray(later), jnp.asarray(signal.before.time_s[:, BEFORE - reach :]))
-
-
-def _low_pass_and_reach(
-    dataset: Dataset, specification: ModelSpecification, signal: Displacements
-) -> tuple[LowPass | None, int]:
-    """The decelerations' low-pass, and in how many intervals before their first sample contact may be."""
-    low_pass = None if dataset.recorder is None else low_pass_of(dataset.recorder, signal.dt)
-    return low_pass, _reach(specification, signal, dataset.recorder, low_pass)
-
-
-def _estimates_contact(dataset: Dataset, specification: ModelSpecification, signal: Displacements) -> bool:
-    """Whether the place of contact in its sampling interval is a parameter of each impact.
-
-    Where it is to be estimated, and where samples are so few that a trace is not linear in an error of it.
-    Where contact may lie in several intervals, as noise hides a jump, its place is the same in each of them.
-    """
-    undecided = signal.phase.kind == "undecided"
-    if _low_pass_and_reach(dataset, specification, signal)[1]:
-        return undecided and element(specification.element).jumps and not signal.uneven.any()
-    asked = undecided or (signal.phase.kind == "between" and _bent(signal))
-    return asked and bool((signal.contact.interval_s > 0).any())
 
 
 def _bent(signal: Displacements) -> bool:
@@ -511,26 +519,6 @@ def _bent(signal: Displacements) -> bool:
     with np.errstate(divide="ignore"):
         second_order = (np.pi / 4 / n) ** 2 / 2 * np.sqrt(n) * peak / signal.quiet.noise_sd
     return bool(np.median(second_order) > _BENT)
-
-
-def _reach(
-    specification: ModelSpecification,
-    signal: Displacements,
-    recorder: LowPassFilter | None,
-    low_pass: LowPass | None,
-) -> int:
-    """In how many sampling intervals before the first sample contact may be; none where it is known."""
-    if recorder is not None and low_pass is not None:
-        # No force jumps behind it.
-        return int(np.ceil(((signal.before.reach_s + delay(recorder)) / signal.dt).max())) + low_pass.lead
-    if specification.discrepancy == "always":
-        return 0
-    if not element(specification.element).jumps and (signal.before.reach_s > 0).all():
-        return min(int(np.ceil((signal.before.reach_s / signal.dt).max())), BEFORE)
-    if signal.before.blurred.any():
-        # Noise hides the jump: contact is anywhere between two moments, too far apart to be linear in.
-        return min(int(np.ceil((2 * signal.contact.bracket_s / signal.dt).max())), BEFORE)
-    return 0
 
 
 def named_model(prepared: Prepared) -> Callable[[], None]:

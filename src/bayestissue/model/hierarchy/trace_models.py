@@ -163,9 +163,10 @@ class TraceModel(Hierarchy):
 
     @property
     def nuisance(self) -> tuple[str, ...]:
-        """Names of an impact's parameters besides log K and log C."""
-        last = {name: getattr(self, name) for name in ("discrepancy", "force", "contact", "gain")}
-        return nuisance_of(self.kind, self.element, **last)
+        """Names of an impact's parameters besides log K and log C; a discrepancy's or a force's come last."""
+        element_logs = [f"log_{parameter.name}" for parameter in element_named(self.element).extra]
+        last = ["discrepancy"] * self.discrepancy + [*FORCE] * self.force
+        return (*NUISANCE[self.kind], *element_logs, *[CONTACT] * self.contact, *[GAIN] * self.gain, *last)
 
     def spreads(self, hyperparameters: Hyperparameters) -> Hyperparameters:
         """The hyperparameters, and the spread of a gain that all impacts share."""
@@ -227,25 +228,6 @@ def added_mass_of(model: TraceModel) -> int | None:
         return None
     (number,) = (index for index, one in enumerate(which.extra) if one.of_mass)
     return of_the_element(model)[2 + number]
-
-
-def nuisance_of(
-    kind: Kind,
-    element: str,
-    *,
-    discrepancy: bool = False,
-    force: bool = False,
-    contact: bool = False,
-    gain: bool = False,
-) -> tuple[str, ...]:
-    """Names of an impact's parameters besides log K and log C.
-
-    A discrepancy's or a force's come last.
-    """
-    which = element_named(element)
-    element_logs = [f"log_{parameter.name}" for parameter in which.extra]
-    last = [CONTACT] * contact + [GAIN] * gain + ["discrepancy"] * discrepancy + [*FORCE] * force
-    return (*NUISANCE[kind], *element_logs, *last)
 
 
 def trace_likelihood(
