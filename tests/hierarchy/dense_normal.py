@@ -9,8 +9,8 @@ import numpy as np
 from jax import Array
 
 from bayestissue.model.hierarchy.gaussian.arrangement import arrange, expected_by_cell
-from bayestissue.model.hierarchy.gaussian.covariances import Covariances
 from bayestissue.model.hierarchy.gaussian.effects import (
+    Covariances,
     EffectsPosterior,
     integrate_effects,
     log_density_of_cells,

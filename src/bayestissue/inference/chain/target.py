@@ -23,8 +23,8 @@ from bayestissue.inference.execution.kept import all_kept, some_impacts
 from bayestissue.inference.factors.sites import log_likelihoods
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.gaussian.arrangement import expected, expected_by_cell
-from bayestissue.model.hierarchy.gaussian.covariances import Covariances
 from bayestissue.model.hierarchy.gaussian.effects import (
+    Covariances,
     EffectsPosterior,
     SitesByCell,
     effects_from_standard,

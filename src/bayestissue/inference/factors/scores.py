@@ -26,8 +26,7 @@ from bayestissue.inference.factors.conditional import conditional_priors, log_ev
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.group_terms import Grouping, stem_of
 from bayestissue.model.hierarchy.gaussian.arrangement import expected_by_cell
-from bayestissue.model.hierarchy.gaussian.covariances import Covariances
-from bayestissue.model.hierarchy.gaussian.effects import SitesByCell
+from bayestissue.model.hierarchy.gaussian.effects import Covariances, SitesByCell
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import MASS_ERROR, Population
 from bayestissue.model.hierarchy.responses import RESPONSES

@@ -33,7 +33,7 @@ from bayestissue.inference.results.error_sources import (
 from bayestissue.model.hierarchy.derived import typical_covariates, typical_logs
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
-from bayestissue.model.hierarchy.gaussian.covariances import Covariances
+from bayestissue.model.hierarchy.gaussian.effects import Covariances
 from bayestissue.model.hierarchy.population import MASS_ERROR, Hyperparameters
 from bayestissue.model.hierarchy.responses import RESPONSES, intercept
 from bayestissue.model.hierarchy.trace_data import Prepared

@@ -37,18 +37,30 @@ _CLOCK = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommonFactor:
-    """What is declared of the one factor of all masses, and of the gains of a force that shows it.
+class PreparedForce:
+    """The rows of a force, and what is declared of it and of the one factor of all masses that it shows.
 
     What is recorded of F over mass times deceleration is exp(a), a = log f + g: f is what all recorded masses
     are to be multiplied by, and g the error of the force's gain less that of the accelerometer's, one of each
     sensor.
 
     Attributes:
+        comparison: the force against mass times deceleration.
+        rows: of the likelihood.
+        offset_sd: of its zero over the recorded mass [m/s^2].
+        clock_sd: of what its clock is late [s].
+        log_noise: log of the standard deviation of its noise, over the recorded mass [m/s^2].
+        log_ratio: a first guess of each impact's a.
         mass_sd: standard deviation of log f, as declared.
         gain_sd: of g.
     """
 
+    comparison: Force
+    rows: ForceRows
+    offset_sd: Float[np.ndarray, " impact"]
+    clock_sd: Float[np.ndarray, " impact"]
+    log_noise: Float[np.ndarray, " impact"]
+    log_ratio: Float[np.ndarray, " impact"]
     mass_sd: float
     gain_sd: float
 
@@ -64,27 +76,6 @@ class CommonFactor:
         """Draws of log f given a, from standard normals: N(share a, share (1 - share) of the variance)."""
         sd = np.sqrt(self.share * (1 - self.share) * (self.mass_sd**2 + self.gain_sd**2))
         return self.share * a + sd * standard
-
-
-@dataclass(frozen=True, kw_only=True)
-class PreparedForce(CommonFactor):
-    """The rows of a force, and what is declared of it.
-
-    Attributes:
-        comparison: the force against mass times deceleration.
-        rows: of the likelihood.
-        offset_sd: of its zero over the recorded mass [m/s^2].
-        clock_sd: of what its clock is late [s].
-        log_noise: log of the standard deviation of its noise, over the recorded mass [m/s^2].
-        log_ratio: a first guess of each impact's a.
-    """
-
-    comparison: Force
-    rows: ForceRows
-    offset_sd: Float[np.ndarray, " impact"]
-    clock_sd: Float[np.ndarray, " impact"]
-    log_noise: Float[np.ndarray, " impact"]
-    log_ratio: Float[np.ndarray, " impact"]
 
     @property
     def time(self) -> Float[np.ndarray, "impact row"]:
@@ -127,11 +118,6 @@ class RowsWithin:
     zero: Float[np.ndarray, " impact"]
     noise: Float[np.ndarray, " impact"]
     n_quiet: Int[np.ndarray, " impact"]
-
-    @property
-    def dt(self) -> Float[np.ndarray, " impact"]:
-        """The sampling interval [s]."""
-        return self.recorded.dt
 
     @property
     def first(self) -> Float[np.ndarray, " impact"]:
@@ -240,27 +226,26 @@ def prepared_force(
     if reach:
         length += 2 + int(np.ceil(((rows.first - first + earliest) / dt).max()))
     of_filter = _filtered(dataset, signal, recorded, length) if recorder else {}
+    longer = of_filter.pop("longer", 1.0)
     mass = signal.mass
     counts = rows.within(usable) & (np.arange(rows.number.max()) < rows.number[:, None])
-    longer = ((0, 0), (0, length - counts.shape[1]))
-    # A force below the tissue has no tip.
+    to_length = ((0, 0), (0, length - counts.shape[1]))
     in_front = channel.tip_mass_kg / mass
-    tip = in_front if channel.place == "impactor" else None
-    # Contact as it was before the samples in contact were asked: these are to tell themselves.
-    contact = first - signal.contact.bracket_s
-    parts: Any = (
-        np.pad(np.where(counts, rows.value / mass[:, None], 0.0), longer),
-        rows.number,
-        rows.first - contact,
-        dt,
-        tip,
-        np.pad(counts, longer) if (usable != rows.used).any() else None,
-    )
+    of_rows: Any = {
+        "y": np.pad(np.where(counts, rows.value / mass[:, None], 0.0), to_length),
+        "n_samples": rows.number,
+        # Since contact as it was before the samples in contact were asked: these are to tell themselves.
+        "first_time": rows.first - (first - signal.contact.bracket_s),
+        "dt": dt,
+        # A force below the tissue has no tip.
+        "tip": in_front if channel.place == "impactor" else None,
+        "usable": np.pad(counts, to_length) if (usable != rows.used).any() else None,
+    }
     noise = np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
         comparison=comparison,
-        rows=ForceRows(*parts, *(of_filter.get(name) for name in ("low_pass", "colour", "rate"))),
-        offset_sd=of_filter.get("longer", 1.0) * standard_error(noise, rows.n_quiet),
+        rows=ForceRows(**of_rows, **of_filter),
+        offset_sd=longer * standard_error(noise, rows.n_quiet),
         clock_sd=_CLOCK * dt,
         log_noise=np.log(noise),
         log_ratio=np.log(np.maximum(comparison.ratio * (1 - in_front) + in_front, 1e-3)),

@@ -21,7 +21,7 @@ from jaxtyping import Float, Int
 from bayestissue.base.padding import bucket
 from bayestissue.model.hierarchy.design import Design, ResponseDesign
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
-from bayestissue.model.hierarchy.gaussian.covariances import Covariances
+from bayestissue.model.hierarchy.gaussian.effects import Covariances
 from bayestissue.model.hierarchy.priors import Priors
 from bayestissue.model.hierarchy.responses import RESPONSES, intercept
 from bayestissue.model.hierarchy.specification import MassError

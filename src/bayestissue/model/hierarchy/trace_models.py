@@ -24,8 +24,7 @@ from bayestissue.base.padding import padded_rows
 from bayestissue.mechanics.elements import element as element_named
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected
-from bayestissue.model.hierarchy.gaussian.covariances import Covariances
-from bayestissue.model.hierarchy.gaussian.effects import SitesByCell
+from bayestissue.model.hierarchy.gaussian.effects import Covariances, SitesByCell
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.model.hierarchy.population import (
@@ -326,5 +325,10 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
 
 
 def sites_by_cell(data: TraceData, sites: GaussianFactor) -> SitesByCell:
-    """What the hierarchy's closed forms ask of the dataset, a site standing for each trace."""
-    return SitesByCell.from_sites(data.design, data.location_mean, sites)
+    """What the hierarchy's closed forms ask of the dataset, a site standing for each trace.
+
+    Without each impact's cell, so that what is compiled serves other numbers of impacts.
+    """
+    design = data.design._replace(cell=np.zeros(0, int))
+    by_cell = SitesByCell(design, data.location_mean, data.design.blocked(sites))
+    return jax.tree.map(jnp.asarray, by_cell)

@@ -21,8 +21,7 @@ from jaxtyping import Float
 from bayestissue.base.declarations import declared
 from bayestissue.model.hierarchy.design import build_design
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected, expected_by_cell
-from bayestissue.model.hierarchy.gaussian.covariances import Covariances
-from bayestissue.model.hierarchy.gaussian.effects import log_density_of_cells
+from bayestissue.model.hierarchy.gaussian.effects import Covariances, log_density_of_cells
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import EffectParts, covariances_of, population_design
 from bayestissue.model.hierarchy.priors import Normal, Priors

@@ -28,8 +28,8 @@ from bayestissue.model.hierarchy.gaussian.arrangement import (
     expected,
     expected_by_cell,
 )
-from bayestissue.model.hierarchy.gaussian.covariances import Covariances
 from bayestissue.model.hierarchy.gaussian.effects import (
+    Covariances,
     EffectsPosterior,
     integrate_effects,
     log_density_of_cells,

@@ -8,7 +8,8 @@ own scatter s² 1. The standard deviations are identified where no Z_k Z_k' is a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -113,18 +114,18 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
             faults.append(Fault.stated("taken", term, taken=", ".join(taken[1:])))
         elif holes:
             faults.append(lacking(str(term), holes[0], rows))
-        elif same := _shared_label(term, rows):
-            faults.append(Fault.stated("same-label", term, same=same))
+        elif same := _shared_labels(grouping_of(rows, term.factors)):
+            faults.append(Fault.stated("same-label", term, same=same[0]))
         elif term.stem in stems:
             faults.append(Fault.stated("same-name", term, stem=term.stem))
         stems.add(term.stem)
     return faults
 
 
-def _shared_label(term: GroupTerm, rows: pd.DataFrame) -> str:
-    """What two levels of a term would both be called, as a:b and c, and a and b:c; empty if nothing."""
-    labels = pd.Series(grouping_of(rows, term.factors).levels)
-    return str(labels[labels.duplicated()].iloc[0]) if labels.duplicated().any() else ""
+def _shared_labels(grouping: Grouping) -> list[str]:
+    """What several levels would be called, as a:b and c, and a and b:c."""
+    labels = pd.Series(grouping.levels)
+    return list(labels[labels.duplicated()])
 
 
 def unidentified(values: Mapping[GroupTerm, Float[np.ndarray, " row"]], rows: pd.DataFrame) -> list[Fault]:
@@ -135,11 +136,12 @@ def unidentified(values: Mapping[GroupTerm, Float[np.ndarray, " row"]], rows: pd
         rows: one an impact, with complete columns of the terms' factors.
     """
     groupings = {term: grouping_of(rows, term.factors) for term in values}
-    faults = {
-        term: fault for term, x in values.items() if (fault := _by_itself(term, groupings[term], x, values))
+    coefficients = Counter(term.factors for term in values)
+    by_itself = {
+        term: _by_itself(term, groupings[term], x, coefficients[term.factors]) for term, x in values.items()
     }
-    left = {term: x for term, x in values.items() if term not in faults}
-    return [*faults.values(), *_alike(left, groupings)]
+    left = {term: x for term, x in values.items() if by_itself[term] is None}
+    return [*filter(None, by_itself.values()), *_alike(left, groupings)]
 
 
 def aliased(
@@ -188,47 +190,30 @@ def told_by_mass(term: GroupTerm, rows: pd.DataFrame) -> Fault | None:
         return None
     if np.corrcoef(grouping.code, log_mass)[0, 1] ** 2 <= _SAME_AS_MASS:
         return None
-    one = _WORDS.get(term.grouping, term.grouping)
-    many = _PLURALS.get(one, f"levels of {one}")
-    if term == TRIAL:
-        return Fault.stated("mass-of-condition", term, one=one, many=many)
-    return Fault.stated("mass-of-level", MASS_TERM, one=one, many=many)
+    one, many = _words(term)
+    key, goes = ("mass-of-condition", str(term)) if term == TRIAL else ("mass-of-level", MASS_TERM)
+    return Fault.stated(key, goes, one=one, many=many)
 
 
 def _by_itself(
-    term: GroupTerm,
-    grouping: Grouping,
-    x: Float[np.ndarray, " row"],
-    values: Mapping[GroupTerm, Float[np.ndarray, " row"]],
+    term: GroupTerm, grouping: Grouping, x: Float[np.ndarray, " row"], coefficients: int
 ) -> Fault | None:
-    if not term.slope:
-        return _too_few(term, grouping)
-    coefficients = sum(other_term.factors == term.factors for other_term in values)
-    return _too_flat(term, grouping, x) or _saturated(term, grouping, coefficients)
-
-
-def _too_few(term: GroupTerm, grouping: Grouping) -> Fault | None:
+    """What a term lacks whatever others there are; so many ``coefficients`` its grouping's levels have."""
     name, counts = grouping.name, np.bincount(grouping.code)
-    if len(counts) < 2:
-        return Fault.stated("one-level", term, name=name)
-    return Fault.stated("one-impact", term, name=name) if counts.max() < 2 else None
-
-
-def _too_flat(term: GroupTerm, grouping: Grouping, x: Float[np.ndarray, " row"]) -> Fault | None:
+    if not term.slope:
+        if len(counts) < 2:
+            return Fault.stated("one-level", term, name=name)
+        return Fault.stated("one-impact", term, name=name) if counts.max() < 2 else None
     by_level = pd.Series(x).groupby(grouping.code)
     varies = (by_level.max() - by_level.min()) > (PRECISION if term.slope == MASS_TERM else 0.0)
-    if varies.sum() >= 2:
-        return None
-    what, name = "the mass" if term.slope == MASS_TERM else term.slope, grouping.name
-    variation = "has one value in every" if not varies.any() else "varies within one"
-    return Fault.stated("too-flat", term, what=what, name=name, variation=variation)
-
-
-def _saturated(term: GroupTerm, grouping: Grouping, coefficients: int) -> Fault | None:
-    """What lme4 refuses too: told from the scatter by the assumption alone that both are independent."""
-    if np.bincount(grouping.code).max() > coefficients:
-        return None
-    return Fault.stated("saturated", term, coefficients=coefficients, name=grouping.name)
+    if varies.sum() < 2:
+        what = "the mass" if term.slope == MASS_TERM else term.slope
+        variation = "varies within one" if varies.any() else "has one value in every"
+        return Fault.stated("too-flat", term, what=what, name=name, variation=variation)
+    # What lme4 refuses too: told from the scatter by the assumption alone that both are independent.
+    if counts.max() <= coefficients:
+        return Fault.stated("saturated", term, coefficients=coefficients, name=name)
+    return None
 
 
 def _alike(
@@ -244,7 +229,9 @@ def _alike(
             continue
         same = next((t for t in independent if _same_levels(term, t, groupings)), None)
         if same:
-            faults.append(_same(term, same))
+            (mine, several_mine), (its, several_its) = _words(term), _words(same)
+            words = {"mine": mine, "its": its, "several_mine": several_mine, "several_its": several_its}
+            faults.append(Fault.stated("same-levels", term, **words))
         else:
             others = ", ".join(map(str, independent))
             faults.append(Fault.stated("combined", term, grouping=term.grouping, others=others))
@@ -258,16 +245,12 @@ def _columns(x: Float[np.ndarray, " row"], grouping: Grouping) -> Any:
     return csr_array((np.asarray(x, float), (np.arange(len(x)), grouping.code)), shape=shape)
 
 
-def _left(indicator: Any, others: Iterable[Any]) -> float:
+def _left(indicator: Any, others: Sequence[Any]) -> float:
     """The share of Z Z' that is no combination of 1 and the others' Z Z', as a squared norm."""
-    indicators = [*others, indicator]
-    count = len(indicators) + 1
-    products = np.empty((count, count))
-    products[0, 0] = indicator.shape[0]
-    for k, left in enumerate(indicators, start=1):
-        products[0, k] = products[k, 0] = (left.data**2).sum()
-        for m, right in enumerate(indicators[:k], start=1):
-            products[k, m] = products[m, k] = ((left.T @ right).data ** 2).sum()
+    from scipy.sparse import eye_array
+
+    indicators = [eye_array(indicator.shape[0], format="csr"), *others, indicator]
+    products = np.array([[((left.T @ right).data ** 2).sum() for right in indicators] for left in indicators])
     scale = np.sqrt(np.diag(products))
     products /= np.outer(scale, scale)
     coefficients = np.linalg.lstsq(products[:-1, :-1], products[:-1, -1], rcond=None)[0]
@@ -282,9 +265,7 @@ def _same_levels(left: GroupTerm, right: GroupTerm, groupings: Mapping[GroupTerm
     return len(a.levels) == len(b.levels) == pairs
 
 
-def _same(term: GroupTerm, earlier: GroupTerm) -> Fault:
-    mine, its = (_WORDS.get(t.grouping, t.grouping) for t in (term, earlier))
-    several_mine, several_its = (_PLURALS.get(word, f"levels of {word}") for word in (mine, its))
-    return Fault.stated(
-        "same-levels", term, mine=mine, its=its, several_mine=several_mine, several_its=several_its
-    )
+def _words(term: GroupTerm) -> tuple[str, str]:
+    """What one and what several of a term's levels are called."""
+    one = _WORDS.get(term.grouping, term.grouping)
+    return one, _PLURALS.get(one, f"levels of {one}")
