@@ -219,18 +219,15 @@ def _columns(
     priors: Mapping[str, Any],
     rows: Int[np.ndarray, " row"] | slice,
 ) -> tuple[np.ndarray, list[EffectPart]]:
-    name, prior = intercept(part.parameter), priors[intercept(part.parameter)]
-    matrices = [np.ones((len(design.subject[rows]), 1))]
-    pieces = [EffectPart(name, 1, prior.mean, prior.sd, "")]
+    fixed = {intercept(part.parameter): np.ones((len(design.subject), 1))}
     if part.log_mass is not None:
-        exponent = priors[f"mass_exponent_{part.response}"]
-        matrices.append(part.log_mass[rows, None])
-        pieces.append(EffectPart(f"mass_exponent_{part.response}", 1, exponent.mean, exponent.sd, ""))
+        fixed[f"mass_exponent_{part.response}"] = part.log_mass[:, None]
     if part.names:
-        covariate = priors[f"covariate_{part.response}"]
-        matrices.append(part.covariates[rows])
-        name, width = f"covariate_effect_{part.response}", len(part.names)
-        pieces.append(EffectPart(name, width, covariate.mean, covariate.sd, ""))
+        fixed[f"covariate_effect_{part.response}"] = part.covariates
+    matrices, pieces = [columns[rows] for columns in fixed.values()], []
+    for name, columns in fixed.items():
+        prior = priors[name.replace("covariate_effect", "covariate")]
+        pieces.append(EffectPart(name, columns.shape[1], prior.mean, prior.sd, ""))
     for term, column in part.terms.items():
         grouping = design.groupings[term.grouping]
         levels = bucket(len(grouping.levels))

@@ -154,15 +154,10 @@ def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Prob
             "starts-deep.below", SETTINGS, None, "signal.offset", "none of its samples", impact=names[i]
         )
         if BELOW_ZERO in signal.flags[i]
-        else Problem(
-            source,
-            f"at least {FEWEST_SAMPLES} samples between contact and the end of the window, and below the "
-            "sensor's limit",
-            "Record faster, widen signal.window in the model, or leave the impact out (--skip-bad).",
-            column="signal.window",
-            impact=names[i],
-            value=int(signal.n_below_limit[i]),
-            code="too-few-samples",
+        else Problem.stated(
+            "too-few-samples.window",
+            *(source, None, "signal.window", int(signal.n_below_limit[i]), names[i]),
+            least=FEWEST_SAMPLES,
         )
         for i in short
     ]

@@ -102,8 +102,6 @@ def resolve(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Resol
     """
     formula = _NAMED.sub(lambda found: in_whatever_case(found[0], map(str, rows.columns)), formula)
     try:
-        if "~" in _QUOTED.sub("", formula):
-            raise ValueError(formula)
         terms, faults = _read(formula)
     except Exception as error:  # formulae's algebra of terms raises errors that share no base
         wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', _unread(formula, error), mendable=True)
@@ -114,15 +112,11 @@ def resolve(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Resol
     groups, wrong_groups = _covariates_of_groups(terms, rows, reference_mass_kg)
     faults += [*wrong_groups, *unidentified(groups, rows), *_tied(terms)]
     terms = terms.without(fault.term for fault in faults)
-    while True:
-        covariates, wrong_terms = _evaluated(terms, rows, reference_mass_kg)
-        if covariates is not None and not wrong_terms:
-            wrong_terms = _dependent(terms, covariates, rows) or _aliased(terms, covariates, rows)
-        if covariates is not None and not wrong_terms:
-            of_groups, names = {term: groups[term] for term in terms.groups}, tuple(covariates.names)
-            return ResolvedFormula(terms, covariates.columns, names, of_groups, tuple(faults))
-        faults += wrong_terms
-        terms = terms.without(fault.term for fault in wrong_terms)
+    while isinstance(covariates := _evaluated(terms, rows, reference_mass_kg), list):
+        faults += covariates
+        terms = terms.without(fault.term for fault in covariates)
+    of_groups, names = {term: groups[term] for term in terms.groups}, tuple(covariates.names)
+    return ResolvedFormula(terms, covariates.columns, names, of_groups, tuple(faults))
 
 
 def _unread(formula: str, error: Exception) -> str:
@@ -294,17 +288,16 @@ def _tied(terms: Terms) -> list[Fault]:
     return []
 
 
-def _evaluated(
-    terms: Terms, rows: pd.DataFrame, reference_mass_kg: float
-) -> tuple[Covariates | None, list[Fault]]:
-    """The covariates, where they can be evaluated, and the terms that can't be, or are not finite."""
+def _evaluated(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> Covariates | list[Fault]:
+    """The covariates, or what is wrong with some of them."""
     try:
         covariates = Covariates(terms.common, rows, reference_mass_kg)
     except Exception:  # as in `resolve`; each term by itself tells which it is of
-        return None, _unusable(terms, rows, reference_mass_kg)
+        return _unusable(terms, rows, reference_mass_kg)
     columns, owners = covariates.columns, np.array(covariates.terms)
     infinite = [term for term in dict.fromkeys(owners.tolist()) if not _is_finite(columns[:, owners == term])]
-    return covariates, [Fault.stated("infinite", term) for term in infinite]
+    faults = [Fault.stated("infinite", term) for term in infinite]
+    return faults or _dependent(terms, covariates, rows) or _aliased(terms, covariates, rows) or covariates
 
 
 def _unusable(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> list[Fault]:
@@ -387,20 +380,15 @@ class Covariates:
             self._evaluated = CommonEffectsMatrix(description.common_terms)
             self._evaluated.evaluate(data, environment)
             self._reference = self._evaluated.evaluate_new_data(reference).design_matrix
-        self.names: list[str] = []
-        self.terms: list[str] = []
-        self._kept: list[int] = []
-        column = 0
+        owners: list[tuple[str, str]] = []
         for term in description.common_terms:
-            labels = [_INTERCEPT] if term.name == _INTERCEPT else term.labels
-            if term.name != _INTERCEPT:
-                self.names += labels
-                self.terms += [written_terms[0]] * len(labels)
-                self._kept += range(column, column + len(labels))
-                # What a:b alone needs besides to be of full rank stands before it.
-                if any(term is mine for mine in asked_for):
-                    del written_terms[0]
-            column += len(labels)
+            owner = _INTERCEPT if term.name == _INTERCEPT else written_terms[0]
+            owners += [(owner, label) for label in term.labels]
+            # What a:b alone needs besides to be of full rank stands before it.
+            if any(term is mine for mine in asked_for):
+                del written_terms[0]
+        self._kept = [column for column, (owner, _) in enumerate(owners) if owner != _INTERCEPT]
+        self.terms, self.names = ([owners[column][part] for column in self._kept] for part in (0, 1))
         self.columns = self._less_reference(self._evaluated)
 
     def _less_reference(self, matrix: Any) -> Float[np.ndarray, "row column"]:
