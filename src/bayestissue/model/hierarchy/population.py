@@ -124,32 +124,40 @@ class SharedMasses(NamedTuple):
     code: Int[np.ndarray, " impact"]
     parameters: tuple[str, ...] = RESPONSES
 
-    @classmethod
-    def stated(
-        cls,
-        whose: MassError,
-        relative_mass_sd: float,
-        subject: Int[np.ndarray, " impact"],
-        mass_kg: Float[np.ndarray, " impact"],
-        parameters: tuple[str, ...] = RESPONSES,
-    ) -> SharedMasses | None:
-        """Of what `whose_errors` has; None where errors are each impact's own, or one of all, or 0."""
-        if whose not in ("subject", "mass") or not relative_mass_sd:
-            return None
-        labels = subject if whose == "subject" else mass_kg
-        return cls(np.unique(labels, return_inverse=True)[1].reshape(-1), parameters)
 
-
-def whose_errors(stated: MassError, mass_kg: Float[np.ndarray, " impact"]) -> MassError:
-    """Whose the errors of recorded masses are, of what a model file states and the declared masses.
+def stated_mass_errors(
+    whose: MassError,
+    relative_sd: float,
+    subject: Int[np.ndarray, " impact"],
+    mass_kg: Float[np.ndarray, " impact"],
+    parameters: tuple[str, ...] = RESPONSES,
+) -> tuple[float, float | None, SharedMasses | None]:
+    """Whose the errors of recorded masses are.
 
     Errors of "mass" are each impact's own where no two masses are the same, and one of all where there is but
     one.
+
+    Args:
+        whose: as a model file states it.
+        relative_sd: standard deviation of an error of log mass.
+        subject: of each impact.
+        mass_kg: as declared.
+        parameters: as of `SharedMasses`.
+
+    Returns:
+        The standard deviation of errors that are each impact's own or of several, that of one of all, None
+        where there is none, and which impacts share errors, None where none does.
     """
-    if stated != "mass":
-        return stated
-    different = len(np.unique(mass_kg))
-    return "impact" if different == len(mass_kg) else "all" if different == 1 else "mass"
+    if whose == "mass":
+        different = len(np.unique(mass_kg))
+        whose = "impact" if different == len(mass_kg) else "all" if different == 1 else "mass"
+    if whose == "all":
+        return 0.0, relative_sd, None
+    if whose == "impact" or not relative_sd:
+        return relative_sd, None, None
+    labels = subject if whose == "subject" else mass_kg
+    code = np.unique(labels, return_inverse=True)[1].reshape(-1)
+    return relative_sd, None, SharedMasses(code, parameters)
 
 
 def population_design(

@@ -29,12 +29,7 @@ from bayestissue.model.hierarchy.force_data import (
 )
 from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.identifiability import missing
-from bayestissue.model.hierarchy.population import (
-    EffectParts,
-    SharedMasses,
-    population_design,
-    whose_errors,
-)
+from bayestissue.model.hierarchy.population import EffectParts, population_design, stated_mass_errors
 from bayestissue.model.hierarchy.priors import normal
 from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_of
 from bayestissue.model.hierarchy.reference import Reference
@@ -186,18 +181,16 @@ def assemble(
     recordings = _Recordings(dataset, specification, signal, force)
     # With a force the errors of mass are what it is over mass times deceleration.
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd) if force is None else 0.0
-    whose, common_mass_sd = whose_errors(specification.mass_error, signal.mass), 0.0
-    if whose == "all":
-        common_mass_sd, relative_mass_sd = relative_mass_sd, 0.0
-    masses = SharedMasses.stated(
-        whose, relative_mass_sd, design.subject, signal.mass, in_proportion_to_mass(specification.element)
+    moved = in_proportion_to_mass(specification.element)
+    log_mass_sd, common_mass_sd, masses = stated_mass_errors(
+        specification.mass_error, relative_mass_sd, design.subject, signal.mass, moved
     )
     model = TraceModel(
         kind,
         EffectParts(()),
         priors,
         specification.residual_correlation,
-        relative_mass_sd,
+        log_mass_sd,
         specification.element,
         discrepancy=recordings.has_discrepancy,
         headform=dataset.headform,
@@ -221,7 +214,7 @@ def assemble(
         signal,
         dataset.impacts,
         force,
-        common_mass_sd=common_mass_sd,
+        common_mass_sd=common_mass_sd or 0.0,
         mass_group=masses and masses.code,
     )
 

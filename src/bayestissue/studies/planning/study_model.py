@@ -24,10 +24,9 @@ from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.model.hierarchy.levels import log_at_levels
 from bayestissue.model.hierarchy.population import (
     EffectParts,
-    SharedMasses,
     heavier,
     population_design,
-    whose_errors,
+    stated_mass_errors,
 )
 from bayestissue.model.hierarchy.priors import Priors
 from bayestissue.model.hierarchy.responses import RESPONSES
@@ -111,10 +110,9 @@ def planned_model(
     # The parameters of an element besides K and C are part of a trace's precision.
     responses = {q: design.responses[q] for q in RESPONSES}
     mass_kg = design.recorded.rows["mass_kg"].to_numpy(float)
-    whose = whose_errors(specification.mass_error, mass_kg)
-    common = relative_mass_sd if whose == "all" else None
-    own = 0.0 if whose == "all" else relative_mass_sd
-    masses = SharedMasses.stated(whose, own, design.subject, mass_kg)
+    own, common, masses = stated_mass_errors(
+        specification.mass_error, relative_mass_sd, design.subject, mass_kg
+    )
     effects, columns = population_design(replace(design, responses=responses), priors, (), masses)
     correlated = specification.residual_correlation
     return PlannedModel(effects, priors, correlated, own, common_mass_sd=common), columns
