@@ -237,20 +237,20 @@ class ModelSpecification(TomlTable):
         """Whether the window holds the greatest penetration."""
         return self.signal.window in REACH_PEAK
 
-    def priors_passed_over(self, found: Iterable[GroupTerm]) -> list[str]:
+    def priors_passed_over(self, in_data: Iterable[GroupTerm]) -> list[str]:
         """The group terms of priors that are other ones in the data: ``(1|patient)``, the subject's."""
-        known = {str(term).casefold() for term in found}
+        known = {str(term).casefold() for term in in_data}
         return [
             str(term)
             for term, pair in self.priors.of_terms().items()
             if pair != SD_OF_TERM and term in self.formula.group_terms() and str(term).casefold() not in known
         ]
 
-    def complete_priors(self, found: Iterable[GroupTerm] = ()) -> Priors:
+    def complete_priors(self, in_data: Iterable[GroupTerm] = ()) -> Priors:
         """The priors, those of the element's parameters and of group terms too that the file leaves out.
 
         Args:
-            found: the group terms with the columns of a table, which formulas may write in another case.
+            in_data: the group terms with the columns of a table, which formulas may write in another case.
         """
         element_priors = {
             x.name: ElementPrior(log=Normal(distribution="normal", mean=math.log(x.typical), sd=x.log_sd))
@@ -258,7 +258,7 @@ class ModelSpecification(TomlTable):
         }
         set_apart = self.priors.of_terms()
         folded = {str(term).casefold(): pair for term, pair in set_apart.items()}
-        all_terms = dict.fromkeys([*self.group_terms(), *(t for t in found if t not in (SUBJECT, TRIAL))])
+        all_terms = dict.fromkeys([*self.group_terms(), *(t for t in in_data if t not in (SUBJECT, TRIAL))])
         terms = {
             term: set_apart.get(term, folded.get(str(term).casefold(), SD_OF_TERM)) for term in all_terms
         }

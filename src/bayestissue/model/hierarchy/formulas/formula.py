@@ -18,10 +18,10 @@ from bayestissue.model.hierarchy.formulas.identifiability import (
     PRECISION,
     Fault,
     aliased,
+    confounded_with_mass,
     lacking,
     missing,
     no_columns,
-    told_by_mass,
     unidentified,
     unsuited_columns,
     written_twice,
@@ -147,7 +147,7 @@ def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> ResolvedFormula:
     Of two masses, one for each of two conditions, the exponent takes up all that differs between these.
     """
     resolved = resolve(DEFAULT_FORMULA, rows, reference_mass_kg)
-    gone = next(filter(None, (told_by_mass(term, rows) for term in resolved.groups)), None)
+    gone = next(filter(None, (confounded_with_mass(term, rows) for term in resolved.groups)), None)
     if gone is None or MASS_TERM not in resolved.terms.common:
         return resolved
     left = resolve(str(resolved.terms.without([gone.term])), rows, reference_mass_kg)

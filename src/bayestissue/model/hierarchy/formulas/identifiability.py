@@ -180,7 +180,7 @@ def aliased(
     return faults
 
 
-def told_by_mass(term: GroupTerm, rows: pd.DataFrame) -> Fault | None:
+def confounded_with_mass(term: GroupTerm, rows: pd.DataFrame) -> Fault | None:
     """What a formula with the log of mass and a term of two levels, each of one mass, has to do without.
 
     A condition says no more than its mass does; for anybody else's levels it is the mass that goes.
