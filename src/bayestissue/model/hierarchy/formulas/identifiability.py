@@ -230,8 +230,16 @@ def _alike(
         same = next((t for t in independent if _same_levels(term, t, groupings)), None)
         if same:
             (mine, several_mine), (its, several_its) = _words(term), _words(same)
-            words = {"mine": mine, "its": its, "several_mine": several_mine, "several_its": several_its}
-            faults.append(Fault.stated("same-levels", term, **words))
+            faults.append(
+                Fault.stated(
+                    "same-levels",
+                    term,
+                    mine=mine,
+                    its=its,
+                    several_mine=several_mine,
+                    several_its=several_its,
+                )
+            )
         else:
             others = ", ".join(map(str, independent))
             faults.append(Fault.stated("combined", term, grouping=term.grouping, others=others))
