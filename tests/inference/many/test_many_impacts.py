@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 import xarray as xr
 from arviz_stats.base import array_stats
+from numpyro.distributions import biject_to
 
 from bayestissue.inference import fit as traces
 from bayestissue.inference.chain import chain_settings, draws
+from bayestissue.inference.chain.moves import StudentT, Tuning
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
 from bayestissue.inference.execution.chunks import map_impacts
@@ -137,8 +139,7 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(dozen, mo
 @pytest.mark.long
 def test_of_many_impacts_some_begin_and_some_draws_are_kept(dozen, monkeypatch) -> None:
     """As of thousands: the population from six of the twelve, and every tenth draw of each."""
-    for module in (draws, chain_settings):
-        monkeypatch.setattr(module, "TOGETHER", 5)
+    monkeypatch.setattr(chain_settings, "TOGETHER", 5)
     monkeypatch.setattr(many_kept, "FEW", 11)
     monkeypatch.setattr(draws, "FIRST", 6)
     made = prepare(dozen, ModelSpecification(name="impact", likelihood="impact"), source="model")
@@ -169,10 +170,27 @@ def test_of_many_impacts_an_error_of_the_gain_of_all_moves(monkeypatch) -> None:
     made = prepare(
         campaign.dataset("gain"), ModelSpecification(name="impact", likelihood="impact"), source="model"
     )
-    for module in (draws, chain_settings):
-        monkeypatch.setattr(module, "TOGETHER", 5)
+    monkeypatch.setattr(chain_settings, "TOGETHER", 5)
+    monkeypatch.setattr(many_kept, "FEW", 11)
     monkeypatch.setattr(draws, "FIRST", 30)
     chains = traces.sample(made, Sampler(chains=2, transitions=1000), 2)
     gain = chains.population.b[..., made.model.locations.parts["log_gain_mean"]][..., 0]
     # By steps of impacts alone and a spread that is sampled there were ten.
     assert array_stats.ess(np.asarray(gain)) > 100
+
+
+@pytest.mark.parametrize(("of_difference", "segment"), [(0.4, 20), (0.6, 50)])
+def test_of_clear_traces_the_population_moves_with_them_fixed(
+    dozen, monkeypatch, of_difference, segment
+) -> None:
+    """Clear are traces that tell K and C to half of what impacts differ by."""
+    monkeypatch.setattr(many_kept, "FEW", 11)
+    made = prepare(dozen, ModelSpecification(name="impact", likelihood="impact"), source="model")
+    names, size = made.model.hyperparameters, 2 + len(made.model.nuisance)
+    spreads = [(biject_to(made.model.prior_of(name).support), name) for name in names]
+    location = [float(to.inv(0.1)) if name.startswith("sd_impact") else 0.0 for to, name in spreads]
+    precision = np.broadcast_to(np.eye(size) / (of_difference * 0.1) ** 2, (1, 12, size, size))
+    nothing = np.zeros((1, 12, size))
+    sites = GaussianFactor(nothing, nothing, precision, np.zeros((1, 12)))
+    tuning = Tuning(sites, StudentT(np.array(location), np.eye(len(names))), None, None, None, None)
+    assert draws._settings(made, tuning).segment == segment

@@ -83,13 +83,14 @@ class ChainSettings:
     in_a_row: int = 2
 
     @classmethod
-    def of_size(cls, impacts: int) -> Self:
+    def of_size(cls, impacts: int, *, clear: bool = False) -> Self:
         """The settings for so many impacts.
 
         Of thousands a move of the whole population is seldom accepted. `centred` steps carry it then, which
-        cost as much as there are cells, and `by_common`; they are slow where single traces leave much open.
+        cost as much as there are cells, and `by_common`. They mix badly where single traces leave much open:
+        up to `TOGETHER` impacts they do so only of traces that are ``clear``.
         """
-        if impacts <= TOGETHER:
+        if impacts <= TOGETHER and not clear:
             return cls() if all_kept(impacts) else cls(keep=5, common=(0.5, 0.5))
         many = {"surrogates": (1, 1), "common": (1.0, 1.0), "inner": 1, "centred": 20}
         rounds = {"first_rounds": (1, 2), "round": 2, "last_round": 1, "most_rounds": 6, "first_look": 6}
