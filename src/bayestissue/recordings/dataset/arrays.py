@@ -6,13 +6,14 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from bayestissue.base.declarations import taking
-from bayestissue.base.errors import InputError, Problem, all_of, along_with, refuse
+from bayestissue.base.errors import InputError, all_of, along_with, refuse
 from bayestissue.recordings.dataset.cells import FILE as IMPACTS
 from bayestissue.recordings.dataset.cells import Records, column_problems
 from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
@@ -101,12 +102,7 @@ def dataset(
         data = checked_dataset(settings, table, readings, skip_bad=skip_bad)
         return replace(data, input_hash=_hash(settings, cells, readings))
 
-    return in_words(checked, _in_words, _CALLED[IMPACTS])
-
-
-def _in_words(problem: Problem) -> Problem:
-    """The problem in the words of the caller: tables and arguments instead of files and keys."""
-    return replace(reworded(problem, _NAMES), file=_CALLED.get(problem.file, problem.file))
+    return in_words(checked, partial(reworded, files=_CALLED, names=_NAMES), _CALLED[IMPACTS])
 
 
 def _by_name(channels: Any) -> Any:

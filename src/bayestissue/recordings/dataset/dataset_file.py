@@ -90,7 +90,7 @@ TableName = Annotated[
 ]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Factor = Annotated[Finite, only(bool, "a number other than 0")]
-Limit = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[Spread, AfterValidator(_fraction)]
 OnEarth = Annotated[
@@ -151,7 +151,7 @@ class SignalSettings(Stated):
     time_unit: Unit = "s"
     scale: Factor = 1.0
     offset: Finite = 0.0
-    limit: Limit | None = None
+    limit: Positive | None = None
     gravity: Gravity = "none"
     zero: Zero = "free_fall"
     contact: Contact | None = None
@@ -206,7 +206,7 @@ class LowPassFilter(TomlTable, strict=True):
             sae_class, else analog
     """
 
-    low_pass_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 0.0
+    low_pass_hz: Positive = 0.0
     order: Annotated[int, Field(ge=1, le=MOST_POLES)] = Field(
         default=2, description=f"the number of the filter's poles, 1 to {MOST_POLES}"
     )
@@ -287,7 +287,7 @@ class ChannelSettings(TomlTable, strict=True):
     time_column: Name | None = None
     scale: Factor = 1.0
     offset: Finite = 0.0
-    limit: Limit | None = None
+    limit: Positive | None = None
     time_offset_s: Finite = 0.0
     relative_gain_sd: Fraction = 0.0
     tip_mass_kg: Spread = 0.0
@@ -481,12 +481,19 @@ def plain_value(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-def reworded(problem: Problem, names: Mapping[str, str]) -> Problem:
-    """The problem with other names of keys and files, as somebody knows them who has no such file."""
-    texts = [problem.expected, problem.remedy, problem.column or ""]
+def reworded(problem: Problem, files: Mapping[str, str], names: Mapping[str, str]) -> Problem:
+    """The problem in the words of somebody who has no such file.
+
+    Args:
+        problem: as the files of a dataset have it.
+        files: what these are called otherwise, of which it may be.
+        names: of keys and files in its sentences, and what is said instead.
+    """
+    expected, remedy, column = problem.expected, problem.remedy, problem.column or ""
     for name, other in names.items():
-        texts = [text.replace(name, other) for text in texts]
-    return replace(problem, expected=texts[0], remedy=texts[1], column=texts[2] or None)
+        expected, remedy, column = (text.replace(name, other) for text in (expected, remedy, column))
+    file = files.get(problem.file, problem.file)
+    return replace(problem, file=file, expected=expected, remedy=remedy, column=column or None)
 
 
 def read_settings(path: Path) -> Settings:

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool
 
 from bayestissue.base.declarations import declared
 from bayestissue.base.errors import Problem, has_control_characters
 from bayestissue.recordings.dataset.cells import FILE, is_height, number_in
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
+from bayestissue.recordings.dataset.ragged_traces import BoolPerImpact
 from bayestissue.recordings.dataset.recordings import CROP
 
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz", *CROP)
@@ -54,7 +54,7 @@ class ImpactTable:
     warnings: list[Problem]
 
 
-def of_phantoms(impacts: pd.DataFrame) -> Bool[np.ndarray, " impact"]:
+def of_phantoms(impacts: pd.DataFrame) -> BoolPerImpact:
     """Which impacts of a checked table are of a spring or phantom of known stiffness, and so of no person."""
     if REFERENCE[0] not in impacts:
         return np.zeros(len(impacts), bool)
@@ -155,7 +155,7 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
         problems += _reversed(table, columns)
     warnings += [*_unlikely(table, columns), *_alike_names(table, columns)]
     for name, person, levels in in_two_levels(table):
-        index = cells["subject"].tolist().index(person)
+        index = columns["subject"].texts.index(person)
         words = {"name": name, "levels": " and in ".join(levels), "first": levels[0]}
         warnings.append(columns["subject"].problem(index, "one-person-or-two", **words))
     return ImpactTable(table, rows, problems, warnings)
@@ -215,23 +215,20 @@ class _CheckedColumn:
         return content, [self.problem(index, f"unusual-value.{kind}", **counts) for index in first]
 
 
-def _known_stiffness(columns: dict[str, _CheckedColumn]) -> list[Problem]:
+def _known_stiffness(columns: dict[str, _CheckedColumn]) -> Iterator[Problem]:
     """Cells of a known stiffness without its standard deviation, or the other way round, or with one so wide.
 
     A standard deviation above half of the stiffness is of another unit: N/mm of the one and N/m of the other.
     """
-    problems, empty = [], {name: columns[name].empty for name in REFERENCE if name in columns}
+    empty = {name: columns[name].empty for name in REFERENCE if name in columns}
     for name, other in (REFERENCE, REFERENCE[::-1]):
         if name in empty:
             lacking = ~empty[name] & empty.get(other, np.ones_like(empty[name]))
-            problems += columns[name].wrong(lacking, "reference-unfit.half", other=other)
+            yield from columns[name].wrong(lacking, "reference-unfit.half", other=other)
     if len(empty) == len(REFERENCE):
         stiffness, sd = (columns[name].numbers for name in REFERENCE)
-        problems += [
-            columns[REFERENCE[1]].problem(index, "reference-unfit.wide", stiffness=stiffness[index])
-            for index in np.flatnonzero(sd >= PLAUSIBLE.most_sd * stiffness)
-        ]
-    return problems
+        for index in np.flatnonzero(sd >= PLAUSIBLE.most_sd * stiffness):
+            yield columns[REFERENCE[1]].problem(index, "reference-unfit.wide", stiffness=stiffness[index])
 
 
 def _conditions(cells: pd.DataFrame) -> list[str]:
@@ -256,7 +253,7 @@ def _reversed(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> list[P
     ]
 
 
-def _unlikely(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> list[Problem]:
+def _unlikely(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> Iterator[Problem]:
     mass, velocity = table["mass_kg"].to_numpy(), table["velocity_m_s"].to_numpy()
     odd = {"mass_kg": (mass < 1e-3) | (mass > 200), "velocity_m_s": (velocity < 0.01) | (velocity > 50)}
     if "energy_J" in table:
@@ -269,15 +266,13 @@ def _unlikely(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> list[P
         for name in ("mass_kg", "velocity_m_s", *heights)
         if name not in odd or not odd[name].any()
     ]
-    problems = []
     for name, key, where in named:
         for first in np.flatnonzero(where)[:1]:
             counts = {"count": where.sum(), "total": len(table)}
-            problems.append(columns[name].problem(first, key, value=float(table[name].iloc[first]), **counts))
-    return problems
+            yield columns[name].problem(first, key, value=float(table[name].iloc[first]), **counts)
 
 
-def _far_apart(values: np.ndarray) -> Bool[np.ndarray, " impact"]:
+def _far_apart(values: np.ndarray) -> BoolPerImpact:
     """The fewer of two groups of numbers between which lies so wide a gap as a slip by a thousand leaves."""
     known = np.unique(values[values > 0])
     ratios = known[1:] / known[:-1]
@@ -287,13 +282,12 @@ def _far_apart(values: np.ndarray) -> Bool[np.ndarray, " impact"]:
     return low if 2 * low.sum() <= np.isfinite(values).sum() else ~low & np.isfinite(values)
 
 
-def _alike_names(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> list[Problem]:
+def _alike_names(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> Iterator[Problem]:
     """Names of people, conditions or categories that differ only in case, spaces, hyphens or leading zeros.
 
     A warning for each further way of writing a name: two people where there is one make the spread between
     people too small, and that within a person too large; two sides where there is one share its impacts.
     """
-    warnings = []
     for column in map(str, table.select_dtypes(exclude="number")):
         if column in RESERVED and column not in _GROUPS:
             continue
@@ -302,8 +296,7 @@ def _alike_names(table: pd.DataFrame, columns: dict[str, _CheckedColumn]) -> lis
             usual = first.setdefault(_plain(text), text)
             if usual != text:
                 index = int(np.argmax(table[column] == text))
-                warnings.append(columns[column].problem(index, "two-spellings", usual=usual))
-    return warnings
+                yield columns[column].problem(index, "two-spellings", usual=usual)
 
 
 def _plain(text: str) -> str:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool
 
 from bayestissue.base.errors import Problem
 from bayestissue.base.outline import Outlined, Rows, counted, short, span
@@ -24,7 +23,7 @@ from bayestissue.recordings.dataset.dataset_file import (
     Uncertainty,
 )
 from bayestissue.recordings.dataset.impact_table import counts, of_phantoms
-from bayestissue.recordings.dataset.ragged_traces import Traces
+from bayestissue.recordings.dataset.ragged_traces import BoolPerImpact, Traces
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,7 +142,7 @@ class Dataset(Outlined):
         object.__setattr__(self, "traces", Traces.of(self.traces))
         object.__setattr__(self, "further", tuple(map(Traces.of, self.further)))
 
-    def select(self, which: slice | list[int] | Bool[np.ndarray, " impact"]) -> Dataset:
+    def select(self, which: slice | list[int] | BoolPerImpact) -> Dataset:
         """The dataset of some of its impacts, by their position or a truth value each, numbered anew."""
         return replace(
             self,

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int
 
 from bayestissue.recordings.dataset.dataset_file import Quantity
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
-from bayestissue.recordings.dataset.ragged_traces import Traces
+from bayestissue.recordings.dataset.ragged_traces import IntPerImpact, PerImpact, Traces
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +30,20 @@ class Motion:
         step_loss: the speed lost in one interval at the greatest deceleration, m/s.
     """
 
-    low: Float64[np.ndarray, " impact"]
-    high: Float64[np.ndarray, " impact"]
-    peak: Int[np.ndarray, " impact"]
-    extreme: Float64[np.ndarray, " impact"]
-    pulse: Int[np.ndarray, " impact"]
-    duration: Float64[np.ndarray, " impact"]
-    rise: Float64[np.ndarray, " impact"]
-    loss: Float64[np.ndarray, " impact"]
-    gain: Float64[np.ndarray, " impact"]
-    pulse_loss: Float64[np.ndarray, " impact"]
-    step_loss: Float64[np.ndarray, " impact"]
+    low: PerImpact
+    high: PerImpact
+    peak: IntPerImpact
+    extreme: PerImpact
+    pulse: IntPerImpact
+    duration: PerImpact
+    rise: PerImpact
+    loss: PerImpact
+    gain: PerImpact
+    pulse_loss: PerImpact
+    step_loss: PerImpact
 
     @property
-    def farthest(self) -> Float64[np.ndarray, " impact"]:
+    def farthest(self) -> PerImpact:
         """The value farthest from 0, on either side."""
         return np.maximum(np.abs(self.high), np.abs(self.low))
 

@@ -12,6 +12,12 @@ from jaxtyping import Bool, Float64, Int, Int8
 from bayestissue.base.outline import counted, span
 from bayestissue.recordings.dataset.dataset_file import ChannelQuantity, Quantity
 
+# Arrays with an entry for each impact, or each sample; a sign is 1 or -1 at a limit, else 0.
+PerImpact = Float64[np.ndarray, " impact"]
+IntPerImpact = Int[np.ndarray, " impact"]
+BoolPerImpact = Bool[np.ndarray, " impact"]
+PerSample = Float64[np.ndarray, " sample"]
+SignPerSample = Int8[np.ndarray, " sample"]
 # The fewest samples that are a recording.
 MIN_SAMPLES = 8
 # Of a step: times that stray by no more from even ones are taken as even, as a clock of few digits has them.
@@ -22,7 +28,7 @@ RATE_WITHIN = 0.01
 _DECIMALS = range(2, 6)
 
 
-def _rounded(time: Float64[np.ndarray, " sample"], step: float) -> bool:
+def _rounded(time: PerSample, step: float) -> bool:
     """Whether these are even times to the decimals that they have, half of the last off at the most.
 
     With a last decimal as large as the step itself a lost sample would look the same.
@@ -50,9 +56,9 @@ class Trace:
             none does.
     """
 
-    time_s: Float64[np.ndarray, " sample"]
-    value: Float64[np.ndarray, " sample"]
-    clipped: Int8[np.ndarray, " sample"] | None = None
+    time_s: PerSample
+    value: PerSample
+    clipped: SignPerSample | None = None
 
     def __repr__(self) -> str:
         return f"Trace of {counted(len(self.time_s), 'sample')}, {span(self.time_s, 's')}"
@@ -70,10 +76,10 @@ class Traces(Sequence[Trace]):
             none does.
     """
 
-    time_s: Float64[np.ndarray, " sample"]
-    value: Float64[np.ndarray, " sample"]
+    time_s: PerSample
+    value: PerSample
     start: Int[np.ndarray, " impact+1"]
-    clipped: Int8[np.ndarray, " sample"] = field(default=None, kw_only=True)  # type: ignore[arg-type]
+    clipped: SignPerSample = field(default=None, kw_only=True)  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
         if self.clipped is None:
@@ -132,17 +138,17 @@ class Traces(Sequence[Trace]):
         return replace(self, value=-self.value, clipped=-self.clipped)
 
     @property
-    def n_samples(self) -> Int[np.ndarray, " impact"]:
+    def n_samples(self) -> IntPerImpact:
         """How many samples each recording has."""
         return np.diff(self.start)
 
     @property
-    def begin(self) -> Int[np.ndarray, " impact"]:
+    def begin(self) -> IntPerImpact:
         """The first sample of each recording."""
         return self.start[:-1]
 
     @property
-    def end(self) -> Int[np.ndarray, " impact"]:
+    def end(self) -> IntPerImpact:
         """The one after the last sample of each recording."""
         return self.start[1:]
 
@@ -152,22 +158,22 @@ class Traces(Sequence[Trace]):
         return np.repeat(np.arange(len(self)), self.n_samples)
 
     @property
-    def duration(self) -> Float64[np.ndarray, " impact"]:
+    def duration(self) -> PerImpact:
         """From the first to the last sample of each recording, s."""
         return self.time_s[self.end - 1] - self.time_s[self.begin]
 
     @property
-    def interval(self) -> Float64[np.ndarray, " impact"]:
+    def interval(self) -> PerImpact:
         """The mean sampling interval of each recording, s."""
         return self.duration / np.maximum(self.n_samples - 1, 1)
 
     @property
-    def limited(self) -> Bool[np.ndarray, " impact"]:
+    def limited(self) -> BoolPerImpact:
         """Which recordings have a sample at the sensor's limit."""
         return np.logical_or.reduceat(self.clipped != 0, self.begin)
 
     @property
-    def uneven(self) -> Bool[np.ndarray, " impact"]:
+    def uneven(self) -> BoolPerImpact:
         """Which recordings have a sample farther than `EVEN_WITHIN` of a step from even times.
 
         Even times that a clock of few decimals has rounded are even.
@@ -183,7 +189,7 @@ class Traces(Sequence[Trace]):
         return uneven
 
     @property
-    def lost(self) -> Float64[np.ndarray, " impact"]:
+    def lost(self) -> PerImpact:
         """How many samples are missing in longer steps of the recordings whose times are `uneven`, else 0."""
         # Not whole numbers: steps of damaged times are greater than those can be.
         missing = np.zeros(len(self))
@@ -236,7 +242,7 @@ LIMITS = LimitSettings()
 
 def at_limit(
     traces: Traces, quantity: Quantity | ChannelQuantity, stated: tuple[float, float] | None = None
-) -> Int8[np.ndarray, " sample"]:
+) -> SignPerSample:
     """1 where a sample stands at the sensor's upper limit, -1 at its lower one, 0 elsewhere.
 
     A limit is what was stated; else the greatest value of several recordings, if hardly any recording has its
@@ -283,9 +289,7 @@ def _shared(traces: Traces, sign: int) -> float | None:
     return float(sign * limit) if several and different > 3 * below else None
 
 
-def _mark_plateaus(
-    traces: Traces, quantity: Quantity | ChannelQuantity, clipped: Int8[np.ndarray, " sample"]
-) -> None:
+def _mark_plateaus(traces: Traces, quantity: Quantity | ChannelQuantity, clipped: SignPerSample) -> None:
     """Write into ``clipped`` where recordings are cut off at one value.
 
     At a recorder's limit samples pile up: more stand there than the few steps of the recorder's scale below
@@ -306,7 +310,7 @@ def _mark_plateaus(
                 clipped[traces.begin[which] : traces.end[which]][mine == limit[which]] = sign
 
 
-def _step(values: Float64[np.ndarray, " sample"], rounding: float, otherwise: float = np.inf) -> float:
+def _step(values: PerSample, rounding: float, otherwise: float = np.inf) -> float:
     """The recorder's step: the least difference of values that is more than ``rounding``."""
     steps = np.diff(np.unique(values))
     return float(steps[steps > rounding].min(initial=otherwise))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
 
 from bayestissue.base.errors import InputError, Problem, along_with, collected
 from bayestissue.base.runtime import content_hash
@@ -23,12 +23,14 @@ from bayestissue.recordings.dataset.dataset_file import (
     Settings,
     SignalSettings,
     read_settings,
+    reworded,
 )
 from bayestissue.recordings.dataset.impact_table import ImpactTable, impact_table, required_columns
 from bayestissue.recordings.dataset.left_out import FILE as LEFT_OUT
 from bayestissue.recordings.dataset.left_out import LeftOut, read_left_out
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
+from bayestissue.recordings.dataset.ragged_traces import PerImpact
 from bayestissue.recordings.dataset.recorders import read_recordings
 from bayestissue.recordings.dataset.recording_checks import (
     OF_SAMPLES,
@@ -62,11 +64,8 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False, whole: bool = Fals
         found = "a file" if folder.exists() else "no such folder"
         raise InputError.stated("no-dataset.folder", str(path), value=found)
     impacts = _impacts_file(folder)
-
-    def named(problem: Problem) -> Problem:
-        return replace(problem, file=impacts.name) if problem.file == IMPACTS else problem
-
-    return in_words(lambda: _read(folder, impacts, skip_bad=skip_bad, whole=whole), named, impacts.name)
+    words = partial(reworded, files={IMPACTS: impacts.name}, names={})
+    return in_words(partial(_read, folder, impacts, skip_bad=skip_bad, whole=whole), words, impacts.name)
 
 
 def in_words(make: Callable[[], Dataset], words: Callable[[Problem], Problem], table: str) -> Dataset:
@@ -229,7 +228,7 @@ def _falls_contradicted(signal: SignalSettings, table: ImpactTable) -> Iterator[
         yield Problem.stated("unusual-value.fall", *where, value, impact=impact, **words)
 
 
-def _last_digit(values: Float64[np.ndarray, " impact"]) -> Float64[np.ndarray, " impact"]:
+def _last_digit(values: PerImpact) -> PerImpact:
     """What a unit of the last digit of each number is, as it would be written."""
     return np.array([10.0 ** -len(f"{value:.12g}".partition(".")[2]) for value in values])
 

@@ -18,14 +18,20 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float64
 
 from bayestissue.base.errors import Problem
 from bayestissue.base.outline import counted
 from bayestissue.recordings.dataset.dataset_file import FILE, STANDARD_GRAVITY
 from bayestissue.recordings.dataset.motion import Motion
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
-from bayestissue.recordings.dataset.ragged_traces import EVEN_WITHIN, LIMITS, MIN_SAMPLES, RATE_WITHIN
+from bayestissue.recordings.dataset.ragged_traces import (
+    EVEN_WITHIN,
+    LIMITS,
+    MIN_SAMPLES,
+    RATE_WITHIN,
+    PerImpact,
+    PerSample,
+)
 from bayestissue.recordings.dataset.recordings import Recordings, Samples
 from bayestissue.recordings.dataset.twins import recording_twice
 
@@ -215,7 +221,7 @@ def _speeds(recordings: Recordings) -> Iterator[Problem]:
     yield from recordings.where(absurd, "velocity-off.too-much", _FALLS, moving.pulse_loss, velocity=velocity)
 
 
-def _seconds_at_g(samples: Samples, moving: Motion) -> Float64[np.ndarray, " impact"]:
+def _seconds_at_g(samples: Samples, moving: Motion) -> PerImpact:
     """For how long each recording reads about gravity before its greatest deceleration, s."""
     earlier = np.arange(samples.time_s.size) < moving.peak[samples.owner]
     at_g = np.abs(np.abs(samples.value) / STANDARD_GRAVITY - 1) < PLAUSIBLE.about_g
@@ -262,7 +268,7 @@ def against_first(recordings: Recordings, first: Recordings) -> Iterator[Problem
     words = "{} of its samples while the first channel was recorded"
     yield from recordings.where(apart, "channel-unfit.apart", words, count, least=MIN_SAMPLES)
 
-    def centred(values: Float64[np.ndarray, " sample"]) -> Float64[np.ndarray, " sample"]:
+    def centred(values: PerSample) -> PerSample:
         values = np.where(inside, values, 0.0)
         mean = np.add.reduceat(values, samples.begin) / np.maximum(count, 1)
         return np.where(inside, values - mean[owner], 0.0)

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float64, Int, Shaped
+from jaxtyping import Float64, Int, Shaped
 
 from bayestissue.base.errors import Problem
 from bayestissue.recordings.dataset.dataset_file import (
@@ -21,10 +21,19 @@ from bayestissue.recordings.dataset.dataset_file import (
     Uncertainty,
 )
 from bayestissue.recordings.dataset.motion import Motion, motion
-from bayestissue.recordings.dataset.ragged_traces import Traces, at_limit
+from bayestissue.recordings.dataset.ragged_traces import (
+    BoolPerImpact,
+    IntPerImpact,
+    PerImpact,
+    Traces,
+    at_limit,
+)
 from bayestissue.recordings.dataset.sample_tables import BEYOND_LIMIT
 from bayestissue.recordings.dataset.units import to_si
 
+# A place among recordings or samples, and something of each impact.
+At = int | np.integer
+OfEach = Shaped[np.ndarray, " impact"]
 # The columns of `impacts.csv` that state a stretch.
 CROP = ("crop_start_s", "crop_stop_s")
 
@@ -41,7 +50,7 @@ class Samples(Traces):
         text: what stood in cells that held no number, by the index of the sample.
     """
 
-    impact: Int[np.ndarray, " impact"]
+    impact: IntPerImpact
     file: list[str]
     row: Int[np.ndarray, " sample"]
     time_column: str = "time_s"
@@ -80,7 +89,7 @@ class Samples(Traces):
         last = np.maximum.reduceat(np.where(filled, at, -1), self.begin)[self.owner]
         return self.at((at <= last) | (last < 0))
 
-    def kept(self, keep: Bool[np.ndarray, " impact"]) -> Traces:
+    def kept(self, keep: BoolPerImpact) -> Traces:
         """Those of the impacts that are kept, one truth value for each of ``impacts.csv``."""
         part = self[keep[self.impact]] if not keep.all() else self
         return Traces(part.time_s, part.value, part.start, clipped=part.clipped)
@@ -125,7 +134,7 @@ def ends_of(signal: SignalSettings) -> tuple[float, float]:
     return float(start), float(stop)
 
 
-def numbers_in(impacts: pd.DataFrame, name: str) -> Float64[np.ndarray, " impact"]:
+def numbers_in(impacts: pd.DataFrame, name: str) -> PerImpact:
     """A column of ``impacts.csv`` that it may lack; nan where it states nothing."""
     if name not in impacts:
         return np.full(len(impacts), np.nan)
@@ -210,17 +219,17 @@ class Recordings:
     recorder: LowPassFilter | None = None
 
     @cached_property
-    def name(self) -> Shaped[np.ndarray, " impact"]:
+    def name(self) -> OfEach:
         """Of each impact."""
         return self.impacts["impact"].to_numpy()[self.samples.impact]
 
     @property
-    def velocity(self) -> Float64[np.ndarray, " impact"]:
+    def velocity(self) -> PerImpact:
         """At contact, m/s; nan where it is not known."""
         return numbers_in(self.impacts, "velocity_m_s")[self.samples.impact]
 
     @property
-    def rate(self) -> Float64[np.ndarray, " impact"]:
+    def rate(self) -> PerImpact:
         """The sampling rate that ``impacts.csv`` states, Hz; nan where it states none."""
         return numbers_in(self.impacts, "sampling_rate_hz")[self.samples.impact]
 
@@ -239,14 +248,7 @@ class Recordings:
         return self if mine.all() else replace(self, samples=self.samples[mine])
 
     def problem(
-        self,
-        key: str,
-        which: int | np.integer,
-        value: object,
-        *,
-        at: int | np.integer | None = None,
-        column: str | None = None,
-        **numbers: Any,
+        self, key: str, which: At, value: object, *, at: At | None = None, column: str = "", **numbers: Any
     ) -> Problem:
         """What is wrong with recording ``which``, at the sample ``at`` if it is one sample's fault.
 
@@ -264,14 +266,7 @@ class Recordings:
         return Problem.stated(key, file, row, column, value, impact=name, **numbers)
 
     def where(
-        self,
-        wrong: Bool[np.ndarray, " impact"],
-        key: str,
-        words: str,
-        values: Shaped[np.ndarray, " impact"],
-        *,
-        column: str | None = None,
-        **numbers: Any,
+        self, wrong: BoolPerImpact, key: str, words: str, values: OfEach, *, column: str = "", **numbers: Any
     ) -> Iterator[Problem]:
         """A problem for each recording that is ``wrong``; arguments as of `problem`.
 

@@ -137,12 +137,9 @@ def _option_of(key: str) -> str | None:
 
 def _in_terms_of_init(problem: Problem) -> Problem:
     """A problem of the dataset in the words of who has not seen it yet: their files, their options."""
-    inside, problem = f"{RECORDINGS}/", reworded(problem, _NAMES)
-    if problem.file.startswith(inside):
-        return replace(problem, file=problem.file.removeprefix(inside))
-    if problem.file == "impacts.csv":
-        return replace(problem, file="impacts.csv as init would write it")
-    return problem
+    own = {"impacts.csv": "impacts.csv as init would write it"}
+    problem = reworded(problem, own, _NAMES)
+    return replace(problem, file=problem.file.removeprefix(f"{RECORDINGS}/"))
 
 
 def _notes(dataset: Dataset, signal: Displacements, choices: Choices) -> Iterator[str]:

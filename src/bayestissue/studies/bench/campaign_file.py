@@ -16,11 +16,11 @@ from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
 from bayestissue.recordings.dataset.dataset_file import (
     ImpactorSettings,
     LowPassFilter,
+    Positive,
     Settings,
     SignalSettings,
     Uncertainty,
     WordSettings,
-    parse_settings,
 )
 from bayestissue.recordings.dataset.impact_table import required_columns
 from bayestissue.recordings.dataset.recorders import SUFFIXES
@@ -28,7 +28,6 @@ from bayestissue.recordings.dataset.sample_tables import TEXT_SUFFIXES
 from bayestissue.recordings.dataset.source_files import Source
 from bayestissue.recordings.intake.facts import Cells
 from bayestissue.recordings.intake.names import Pattern, columns, fills
-from bayestissue.studies.simulation.simulation_file import Positive
 
 
 class Wanted(TomlTable):
@@ -178,10 +177,7 @@ def read_campaign(path: Path) -> WatchedCampaign:
     content |= {key: raw[key] for key in tables if key in raw}
     if "signal" not in content:
         raise InputError.stated("no-campaign.signal", str(path), None, "signal", "no table of that name")
-    try:
-        settings = parse_settings(content, text)
-    except InputError as error:
-        raise InputError(replace(problem, file=str(path)) for problem in error.problems) from None
+    settings = checked(content, Settings, file=str(path), text=text)
     if settings.signal.quantity == "displacement":
         raise InputError.stated("no-campaign.quantity", str(path), None, "signal.quantity", "displacement")
     pattern = Pattern.parse(spec.pattern) if spec.pattern else None

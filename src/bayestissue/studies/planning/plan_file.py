@@ -11,12 +11,11 @@ from pydantic import BeforeValidator, Field
 
 from bayestissue.base import runtime
 from bayestissue.base.settings import TomlTable, checked, only, parse_toml, read_text
-from bayestissue.recordings.dataset.dataset_file import Gravity, LowPassFilter, WordSettings
+from bayestissue.recordings.dataset.dataset_file import Gravity, LowPassFilter, Positive, WordSettings
 from bayestissue.studies.planning.planned_population import BLOCK, PlannedPopulation
-from bayestissue.studies.simulation.simulation_file import Condition, Factor, Positive, RecordedDeceleration
+from bayestissue.studies.simulation.simulation_file import Condition, Count, Factor, RecordedDeceleration
 
 Minutes = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1)]
 # A recorder of a usual kind, where a plan says nothing of it.
 USUAL = RecordedDeceleration(
     noise_relative_to_peak=0.005,

@@ -35,6 +35,13 @@ from bayestissue.studies.simulation.simulation_file import (
     Tissue,
 )
 
+# Of each impact a number, something at each sample or step of its motion, which samples are recorded, and the
+# values there, one impact's after another's.
+PerImpact = Float[np.ndarray, " impact"]
+Samples = Float[np.ndarray, "impact sample"]
+Steps = Float[np.ndarray, "impact step"]
+Recorded = Bool[np.ndarray, "impact sample"]
+Values = Float[np.ndarray, " recorded"]
 # Of the trace table, beside ``value``.
 FORCE_COLUMN = "force_N"
 _BLOCK = 1_000_000
@@ -251,7 +258,7 @@ def _truth(simulation: Simulation, impacts: pd.DataFrame, random: _Streams) -> p
 
 
 def _effects(
-    tissue: Tissue, impacts: pd.DataFrame, log_mass: Float[np.ndarray, " impact"], random: _Streams
+    tissue: Tissue, impacts: pd.DataFrame, log_mass: PerImpact, random: _Streams
 ) -> dict[str, np.ndarray]:
     """The effects of each group term, by the names that a posterior gives them, and their sums by parameter.
 
@@ -321,7 +328,7 @@ def what_is_met(simulation: Simulation, truth: pd.DataFrame) -> pd.DataFrame:
     return truth.assign(**columns)
 
 
-def leaves(truth: pd.DataFrame) -> Float[np.ndarray, " impact"]:
+def leaves(truth: pd.DataFrame) -> PerImpact:
     """When the tissue pushes no more [s]; for Kelvin-Voigt twice the time to peak (thesis, section 2.12)."""
     column = truth["leaves_s"] if "leaves_s" in truth else 2 * truth["time_to_peak_s"]
     return column.to_numpy()
@@ -353,9 +360,7 @@ def deceleration(
     return impact(name, p, mass, velocity, since, **surroundings).deceleration[:, :samples]
 
 
-def tissue_force(
-    name: str, truth: pd.DataFrame, deceleration: Float[np.ndarray, "impact sample"], gravity: float = 0.0
-) -> Float[np.ndarray, "impact sample"]:
+def tissue_force(name: str, truth: pd.DataFrame, deceleration: Samples, gravity: float = 0.0) -> Samples:
     """The tissue's own force F [N], of this deceleration d of the impactor: (M + m) d - m g while it pushes.
 
     What tissue that moved along does once the impactor has left is not followed: F is 0 then.
@@ -373,7 +378,7 @@ def tissue_force(
     return mass[:, None] / share * np.where(pushes, deceleration - (1 - share) * gravity, 0.0)
 
 
-def _diameter(truth: pd.DataFrame) -> Float[np.ndarray, " impact"] | None:
+def _diameter(truth: pd.DataFrame) -> PerImpact | None:
     return truth["diameter_m"].to_numpy() if "diameter_m" in truth else None
 
 
@@ -413,13 +418,7 @@ class _Chain(NamedTuple):
     limit: float | None
     bits: int | None = None
 
-    def values(
-        self,
-        truth: pd.DataFrame,
-        moved: Float[np.ndarray, "impact step"],
-        recorded: Bool[np.ndarray, "impact sample"],
-        grid: _Grid,
-    ) -> Float[np.ndarray, " recorded"]:
+    def values(self, truth: pd.DataFrame, moved: Steps, recorded: Recorded, grid: _Grid) -> Values:
         """The samples that are recorded, one impact's after another's.
 
         Args:
@@ -490,9 +489,7 @@ class _Grid(NamedTuple):
     finer: int
     ring: int
 
-    def passed(
-        self, motion: Float[np.ndarray, "impact step"], recorder: LowPassFilter | None
-    ) -> Float[np.ndarray, "impact sample"]:
+    def passed(self, motion: Steps, recorder: LowPassFilter | None) -> Samples:
         """What a low-pass makes of a motion at these times, at the samples."""
         finer = self.finer
         if recorder is None or recorder.digital:
@@ -500,9 +497,7 @@ class _Grid(NamedTuple):
         passed = motion if recorder is None else on_even_grid(motion, self.rate * finer, recorder)
         return passed[:, self.ring * finer : -self.ring * finer or None : finer]
 
-    def noise(
-        self, chain: _Chain, recorded: Bool[np.ndarray, "impact sample"]
-    ) -> Float[np.ndarray, " recorded"]:
+    def noise(self, chain: _Chain, recorded: Recorded) -> Values:
         """Noise of variance 1 at the samples that are recorded, one impact's after another's."""
         recorder, random = chain.recorder, chain.random
         if recorder is None or recorder.noise != "before":

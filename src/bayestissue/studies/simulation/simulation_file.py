@@ -22,10 +22,12 @@ from bayestissue.recordings.dataset.dataset_file import (
     LowPassFilter,
     Name,
     Place,
+    Positive,
     Spread,
 )
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1)]
+RelativeSd = Annotated[float, Field(ge=0, lt=0.3)]
 _NUMBERS = ("mass_kg", "velocity_m_s", "energy_J")
 _COLUMNS = ("impact", "subject", "trial", *_NUMBERS, "sampling_rate_hz", "diameter_m", "trace")
 
@@ -102,9 +104,9 @@ class StudyDesign(TomlTable):
     """
 
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
-    subjects: Annotated[int, Field(ge=1)] = 10
+    subjects: Count = 10
     factors: tuple[Factor, ...] = ()
-    repeats: Annotated[int, Field(ge=1)] = 1
+    repeats: Count = 1
 
     def contradictions(self) -> Iterator[str]:
         """Factors and trials have names of their own."""
@@ -218,7 +220,7 @@ class RecordedForce(TomlTable):
     noise_sd_N: Spread = 0.0
     noise_relative_to_peak: Spread = 0.0
     offset_sd_N: Spread = 0.0
-    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    relative_gain_sd: RelativeSd = 0.0
     limit_N: Positive | None = None
     recorder: LowPassFilter | None = None
 
@@ -255,10 +257,10 @@ class RecordedDeceleration(TomlTable):
     noise_sd_m_s2: Spread = 0.0
     noise_relative_to_peak: Spread = 0.0
     offset_sd_m_s2: Spread = 0.0
-    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    relative_gain_sd: RelativeSd = 0.0
     gain_error: GainError = "all"
     velocity_sd_m_s: Spread = 0.0
-    relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    relative_mass_sd: RelativeSd = 0.0
     mass_factor: Positive = 1.0
     range_m_s2: Positive | None = None
     bits: Annotated[int, Field(ge=6, le=32)] | None = None
@@ -324,7 +326,7 @@ class Phantom(TomlTable):
     K_N_per_m: Positive
     sd_N_per_m: Positive
     C_N_s_per_m: Positive
-    repeats: Annotated[int, Field(ge=1)] = 1
+    repeats: Count = 1
 
 
 class Simulation(TomlTable):

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float64, Int
+from jaxtyping import Int
 
 from bayestissue.recordings.dataset.dialect import Dialect
+from bayestissue.recordings.dataset.ragged_traces import PerSample
 
 # What is found of a file that was cut short.
 CUT_OFF = "an end that is missing"
@@ -34,8 +35,8 @@ class Channel:
             others.
     """
 
-    values: Float64[np.ndarray, " sample"]
-    clock: Float64[np.ndarray, " sample"] | None = None
+    values: PerSample
+    clock: PerSample | None = None
     unit: str = ""
     rows: Int[np.ndarray, " sample"] | None = None
     text: dict[int, str] = field(default_factory=dict)
@@ -141,7 +142,7 @@ def unique(names: Iterable[str], otherwise: str) -> list[str]:
     return named
 
 
-def even_clock(step: object, start: object, samples: int) -> Float64[np.ndarray, " sample"] | None:
+def even_clock(step: object, start: object, samples: int) -> PerSample | None:
     """``start + step · i`` in s for each sample i; None where that is no clock.
 
     Args:
@@ -155,12 +156,12 @@ def even_clock(step: object, start: object, samples: int) -> Float64[np.ndarray,
         return np.asarray(start + step * np.arange(samples), dtype=np.float64)
 
 
-def clock_of(rate: float, samples: int) -> Float64[np.ndarray, " sample"] | None:
+def clock_of(rate: float, samples: int) -> PerSample | None:
     """The times in s of samples taken at a ``rate`` in Hz, the first at 0 s; None where that is none."""
     return even_clock(1 / rate if rate else 0.0, 0.0, samples)
 
 
-def columns(name: str, values: np.ndarray, most: int = 64) -> dict[str, Float64[np.ndarray, " sample"]]:
+def columns(name: str, values: np.ndarray, most: int = 64) -> dict[str, PerSample]:
     """The channels in an array: a vector by its name, the columns of a table as ``name:1``, ``name:2``.
 
     A table with more than 64 columns, but not of so many rows, lies on its side: its rows are the channels.

@@ -18,6 +18,7 @@ from jaxtyping import Float64
 
 from bayestissue.recordings.dataset import clock_times
 from bayestissue.recordings.dataset.formats.channel import CUT_OFF, Channel, Contents, UnfitError, even_clock
+from bayestissue.recordings.dataset.ragged_traces import PerSample
 from bayestissue.recordings.dataset.source_files import require_small
 
 SUFFIX = ".lvm"
@@ -236,9 +237,7 @@ def _goes_on(before: Contents, after: Contents) -> bool:
     return units[0] == units[1] and all(_follows(first.clock, second.clock) for first, second in pairs)
 
 
-def _follows(
-    before: Float64[np.ndarray, " sample"] | None, after: Float64[np.ndarray, " sample"] | None
-) -> bool:
+def _follows(before: PerSample | None, after: PerSample | None) -> bool:
     if before is None or after is None or not before.size or not after.size:
         return False
     gap, longer = after[0] - before[-1], max(before, after, key=len)
