@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -116,14 +115,8 @@ class Intake:
     def unanswered(self) -> InputError:
         """What is wrong while questions are left: each with an option that answers it, and all else."""
         problems = [
-            Problem.stated(
-                "not-told",
-                question.option.rstrip("="),
-                value="none",
-                what=question.wording,
-                line=question.line,
-            )
-            for question in self.questions
+            Problem.stated("not-told", one.option.rstrip("="), value="none", what=one.wording, line=one.line)
+            for one in self.questions
         ]
         error = InputError([*problems, *self.recordings.problems, *self.facts.problems])
         error.add_note("\n".join(self.listed()))
@@ -256,48 +249,35 @@ def init_dataset(
     return read_dataset(out)
 
 
+# What the page says of the recordings, by its headings: see `words/init.jinja`.
+_HEADINGS = {
+    "values": "values",
+    "force_beside_it": "force beside it",
+    "gravity_along_the_motion": "gravity along the motion",
+    "contact": "contact",
+    "times": "times",
+    "low_pass": "low-pass",
+    "impacts": "impacts",
+}
+
+
 def _summary(intake: Intake) -> list[tuple[str, str]]:
     """What was understood, as pairs of a heading and words."""
+    from bayestissue.reports.pages.page import worded
+
     choices, candidates = intake.choices, intake.recordings.candidates()
     stated = {option: choices.stated(option) for option in PLACES}
-    scaled = f", times {stated['scale']:g}" if (stated["scale"] or 1) != 1 else ""
-    scaled += f", plus {stated['offset']:g}" if stated["offset"] else ""
-    if stated["time"] is not None:
-        times = f"channel {stated['time']}, in {stated['time_unit'] or 's'}"
-    else:
-        times = "the recorder's clock" if choices.rate_hz is None else f"{choices.rate_hz:g} Hz, as stated"
-    if stated["crop"] is not None:
-        times += f", from {stated['crop'][0]:g} to {stated['crop'][1]:g}"
-    cut_words = "one a recording"
-    if choices.several:
-        cut_words = f"cut apart: {choices.threshold:g} standard deviations above the noise, "
-        cut_words += f"{choices.separation_s:g} s apart at least"
-    falls = stated["gravity"] if isinstance(stated["gravity"], str) else f"{stated['gravity'] or 0:g} m/s²"
-    falls += f", zero at {(stated['zero'] or 'free_fall').replace('_', ' ')}"
-    low_pass = ", ".join(f"{key} = {value}" for key, value in (stated["recorder"] or {}).items())
     sources = [f"names read as {choices.pattern}"] if choices.pattern else []
     sources += [f"the table {choices.table.name}"] if choices.table else []
     sources += [f"{key} = {value} for all" for key, value in choices.given.items()]
+    understood = [(heading, worded("init", name, choices, stated)) for name, heading in _HEADINGS.items()]
     return [
         ("files", f"{len(intake.recordings.files)}, with the channels {', '.join(candidates)}"),
         *(("written", words) for words in intake.written()),
         *(("passed over", words) for words in intake.passed_over()),
-        ("values", f"{stated['quantity']}, channel {stated['channel']}{scaled}, in {stated['unit']}"),
-        *([("force beside it", _force_words(choices.beside))] if choices.beside else []),
-        *([("gravity along the motion", falls)] if stated["gravity"] is not None else []),
-        *([("contact", stated["contact"].replace("_", " "))] if stated["contact"] else []),
-        ("times", times),
-        *([("low-pass", low_pass)] if low_pass else []),
-        ("impacts", cut_words),
+        *((heading, words) for heading, words in understood if words),
         ("facts", "; ".join(sources)),
     ]
-
-
-def _force_words(known: Mapping[str, Any]) -> str:
-    """Where the force stands and was recorded."""
-    first = ("value_column", "unit", "place", "name", "quantity")
-    further = "".join(f", {key} = {value}" for key, value in known.items() if key not in first)
-    return f"channel {known['value_column']}, in {known['unit']}, at the {known['place']}{further}"
 
 
 def _units(channels: list[ChannelSummary]) -> str:
