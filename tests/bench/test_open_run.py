@@ -21,9 +21,9 @@ from bayestissue.base.runtime import FORMAT
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.recordings.dataset.left_out import FILE, reasons, write_left_out
 from bayestissue.reports.pages.wording import interval, significant
-from bayestissue.studies.bench.decisions import Decisions
 from bayestissue.studies.bench.run_view import RunView, decisions_on
 from bayestissue.studies.bench.server import HOST
+from bayestissue.studies.bench.views import Decisions
 from bayestissue.studies.finished import read_run
 from command_line import bayestissue
 

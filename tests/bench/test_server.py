@@ -21,9 +21,8 @@ from opened import TOKEN, Client, running
 from bayestissue.base.errors import InputError
 from bayestissue.commands import live
 from bayestissue.studies.bench import server
-from bayestissue.studies.bench.decisions import Decisions, one_line
 from bayestissue.studies.bench.server import HOST
-from bayestissue.studies.bench.views import DatasetView, DropsView
+from bayestissue.studies.bench.views import DatasetView, Decisions, DropsView, one_line
 
 
 class Pretended(DropsView):

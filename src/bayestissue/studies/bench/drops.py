@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -217,9 +217,25 @@ class Drops(DropList):
             return
         table = self._table() if IMPACTS in changed and digests[IMPACTS] else None
         stated = reasons(self.folder)
-        renamed, gone = self._corrected_by(table) if table is not None else ({}, set[str]())
-        if LEFT_OUT in changed or renamed:
-            self._decided_by(stated, renamed, gone)
+        # Each drop that has a row, with its name before.
+        named = [(drop.impact, drop) for drop in self.drops]
+        if table is not None:
+            rows = self._rows_of(table)
+            for name, drop in named:
+                self._correct(drop, rows.get(name))
+            named = [(name, drop) for name, drop in named if name in rows]
+        if LEFT_OUT in changed or any(drop.impact != name for name, drop in named):
+            for name, drop in named:
+                reason = stated.get(drop.impact) or stated.get(name, "")
+                if reason != drop.left_out:
+                    words = f"left out: {reason}" if reason else "used again"
+                    self._note(drop, f"{drop.impact}: {words}, as {LEFT_OUT} says")
+                    drop.left_out = reason
+            known = {*(drop.impact for drop in self.drops), *(name for name, _ in named)}
+            others = {*self.strange, *(str(row["impact"]) for row in self.others)}
+            self.strange = {name: reason for name, reason in stated.items() if name not in known}
+            new = [name for name in self.strange if name not in others]
+            self.notes += [f"{LEFT_OUT}: {name} is no impact; its row stays" for name in new]
         self.tables |= {name: (digests[name], digests[name]) for name in changed}
         self.pending = True
 
@@ -239,59 +255,41 @@ class Drops(DropList):
         cells: Cells = {k: float(v) if k in NUMBERS else v for k, v in ours.items()}
         return cells, {k: str(v) for k, v in row.items() if k not in ours}
 
-    def _corrected_by(self, table: list[Cells]) -> tuple[dict[str, str], set[str]]:
-        """The former names of drops by those in a table, whose rows they take, and those it lacks."""
-        by_name = {drop.impact: drop for drop in self.drops}
-        by_trace = {str(drop.cells["trace"]): drop for drop in self.drops}
-        # A row is that of the drop of its name; one whose name is new, that of its recording.
-        rows = {name: row for row in table if (name := str(row["impact"])) in by_name}
+    def _rows_of(self, table: list[Cells]) -> dict[str, Cells]:
+        """The rows of drops, by the names of these: the row of that name, else that of its recording.
+
+        Those of no drop are ``others`` from now on.
+        """
+        of_trace = {str(drop.cells["trace"]): drop.impact for drop in self.drops}
+        names = {drop.impact for drop in self.drops}
+        rows = {name: row for row in table if (name := str(row["impact"])) in names}
         self.others = []
         for row in table:
-            if str(row["impact"]) in rows:
+            if str(row["impact"]) in names:
                 continue
-            drop = by_trace.get(str(row.get("trace", "")))
-            if drop is None or drop.impact in rows:
+            name = of_trace.get(str(row.get("trace", "")), "")
+            if not name or name in rows:
                 self.others.append(row)
             else:
-                rows[drop.impact] = row
-        renamed = {}
-        gone = {name for name in by_name if name not in rows}
-        for name, drop in by_name.items():
-            if name in gone:
-                drop.left_out = drop.left_out or BY_HAND
-                self._note(drop, f"{name}: left out: {BY_HAND}")
-                continue
-            cells, drop.further = self._parted(rows[name], drop.cells)
-            changes = [
-                f"{k} {now or 'nothing'} ({was or 'nothing'} before)"
-                for k in {**drop.cells, **cells}
-                if (now := plain_text(cells.get(k))) != (was := plain_text(drop.cells.get(k)))
-            ]
-            drop.cells = cells
-            if changes:
-                self._note(drop, f"{name}: {IMPACTS} says {', '.join(changes)}")
-                self.corrected.append(drop)
-            if drop.impact != name:
-                renamed[drop.impact] = name
-        return renamed, gone
+                rows[name] = row
+        return rows
 
-    def _decided_by(self, stated: Mapping[str, str], renamed: Mapping[str, str], gone: Set[str]) -> None:
-        """Take the reasons of `left_out.csv`, under the names that drops had too."""
-        names = {drop.impact: drop for drop in self.drops}
-        for name, drop in names.items():
-            reason = stated.get(name) or stated.get(renamed.get(name, ""), "")
-            if reason != drop.left_out and name not in gone:
-                words = f"left out: {reason}" if reason else "used again"
-                self._note(drop, f"{name}: {words}, as {LEFT_OUT} says")
-                drop.left_out = reason
-        others = {str(row["impact"]) for row in self.others}
-        strange = {k: v for k, v in stated.items() if k not in (*names, *renamed.values())}
-        self.notes += [
-            f"{LEFT_OUT}: {name} is no impact; its row stays"
-            for name in strange
-            if name not in (*self.strange, *others)
+    def _correct(self, drop: Drop, row: Cells | None) -> None:
+        """Take the row of a drop as a person left it; a drop without any is left out."""
+        name, before = drop.impact, drop.cells
+        if row is None:
+            drop.left_out = drop.left_out or BY_HAND
+            self._note(drop, f"{name}: left out: {BY_HAND}")
+            return
+        drop.cells, drop.further = self._parted(row, before)
+        changes = [
+            f"{k} {now or 'nothing'} ({was or 'nothing'} before)"
+            for k in {**before, **drop.cells}
+            if (now := plain_text(drop.cells.get(k))) != (was := plain_text(before.get(k)))
         ]
-        self.strange = strange
+        if changes:
+            self._note(drop, f"{name}: {IMPACTS} says {', '.join(changes)}")
+            self.corrected.append(drop)
 
     def _note(self, drop: Drop, words: str) -> None:
         self.version += 1
@@ -312,10 +310,7 @@ class Drops(DropList):
         Raises:
             KeyError: there is none.
         """
-        for drop in self.drops:
-            if drop.impact == impact:
-                return drop
-        raise KeyError(impact)
+        return {drop.impact: drop for drop in self.drops}[impact]
 
     def of_file(self, file: str) -> Drop | None:
         """The drop that was taken from a recorder's file."""
@@ -367,7 +362,7 @@ class Drops(DropList):
         def undo() -> None:
             self.drops, self.rows, self.refused = before
 
-        self._write_or(undo)
+        self.write(undo)
 
     def refuse(self, file: str, sha256: str) -> None:
         """Keep that a file was no drop as it was; the drop that it held before is left out.
@@ -395,7 +390,7 @@ class Drops(DropList):
         before = drop.left_out
         drop.changed = self.version = self.version + 1
         drop.left_out = reason
-        self._write_or(lambda: setattr(drop, "left_out", before))
+        self.write(lambda: setattr(drop, "left_out", before))
         return drop
 
     def choose(self, facts: dict[str, str]) -> None:
@@ -406,20 +401,7 @@ class Drops(DropList):
         """
         before, self.chosen = self.chosen, facts
         self.version += 1
-        self._write_or(lambda: setattr(self, "chosen", before))
-
-    def _write_or(self, undo: Callable[[], None]) -> None:
-        try:
-            self._write_list()
-        except OSError:
-            undo()
-            raise
-        self._write_tables()
-
-    def write(self) -> None:
-        """Write the list, and what follows from it."""
-        self._write_list()
-        self._write_tables()
+        self.write(lambda: setattr(self, "chosen", before))
 
     def _left_out(self) -> dict[str, str]:
         """The reasons of `left_out.csv`, by the names of impacts."""
@@ -434,36 +416,39 @@ class Drops(DropList):
             texts[IMPACTS] = csv_text(table[list(order)])
         return texts
 
-    def _write_list(self) -> None:
-        self.pending = True
-        self._wanted = self._texts()
-        tables = {}
-        for name, text in self._wanted.items():
-            digest, known = _digest(self.folder / name), self._known(name)
-            tables[name] = digest if digest in known else known[1], _digest_of(text.encode())
-        with whole_file(self.folder / LIST) as staging:
-            content = asdict(self) | {"tables": tables}
-            staging.write_text(json.dumps(content, ensure_ascii=False), encoding="utf-8")
+    def write(self, undo: Callable[[], None] = lambda: None) -> None:
+        """Write the list, and the tables that follow from it; ``undo`` what is new if the list can't be.
 
-    def _write_tables(self) -> None:
+        Raises:
+            OSError: one of them can't be written.
+        """
+        self.pending, texts = True, self._texts()
+        after = {name: _digest_of(text.encode()) for name, text in texts.items()}
+        tables = {}
+        for name in texts:
+            digest, known = _digest(self.folder / name), self._known(name)
+            tables[name] = digest if digest in known else known[1], after[name]
+        content = asdict(self) | {"tables": tables}
+        try:
+            with whole_file(self.folder / LIST) as staging:
+                staging.write_text(json.dumps(content, ensure_ascii=False), encoding="utf-8")
+        except OSError:
+            undo()
+            raise
         if not (self.folder / SETTINGS).exists():
             with whole_file(self.folder / SETTINGS) as staging:
                 staging.write_text(settings_text(self.campaign.content), encoding="utf-8")
-        if any(_digest(self.folder / name) not in self._known(name) for name in self._wanted):
+        if any(_digest(self.folder / name) not in self._known(name) for name in texts):
             # Somebody wrote one meanwhile: what stands there is taken first.
             return
         # In this order, so that what is left out is never in use for a moment.
         write_left_out(self.folder, self._left_out())
-        self._written(LEFT_OUT)
-        if self._wanted[IMPACTS]:
+        self.tables[LEFT_OUT] = after[LEFT_OUT], after[LEFT_OUT]
+        if texts[IMPACTS]:
             with whole_file(self.folder / IMPACTS) as staging:
-                staging.write_bytes(self._wanted[IMPACTS].encode())
-            self._written(IMPACTS)
+                staging.write_bytes(texts[IMPACTS].encode())
+            self.tables[IMPACTS] = after[IMPACTS], after[IMPACTS]
         self.pending = False
-
-    def _written(self, name: str) -> None:
-        digest = _digest_of(self._wanted[name].encode())
-        self.tables[name] = digest, digest
 
 
 def _file_of(row: Cells) -> str:

@@ -10,7 +10,6 @@ than the study, so that a drop more compiles nothing anew. It is no fit: sites s
 from __future__ import annotations
 
 import threading
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -134,16 +133,14 @@ class GrowingStudy:
         """
         drops = [drop for drop in drops if not drop.of_phantom]
         usable = [drop for drop in drops if drop.precision is not None]
-        hit = [(level(drop.cells), float(drop.cells["mass_kg"])) for drop in usable]
-        people = {person: n for n, person in enumerate(dict.fromkeys(person for person, _ in hit))}
-        masses = {mass: n for n, mass in enumerate(dict.fromkeys(mass for _, mass in hit))}
-        count: Counter[tuple[int, int]] = Counter()
-        rows = []
-        for person, mass in hit:
-            pair = people[person], masses[mass]
-            rows.append((*pair, count[pair]))
-            count[pair] += 1
-        needed = len(people), len(masses), max(count.values(), default=1)
+        names = ["level", "mass_kg"]
+        hit = pd.DataFrame(
+            [(level(drop.cells), float(drop.cells["mass_kg"])) for drop in usable], columns=names
+        )
+        # Of each drop its person, its mass, and how many of both came before.
+        place = [hit.groupby(name, sort=False).ngroup() for name in names]
+        place.append(hit.groupby(names, sort=False).cumcount())
+        needed = [int(codes.max()) + 1 if len(hit) else 0 for codes in place]
         room = tuple(_doubled(least, number) for least, number in zip(_ROOM, needed, strict=True))
         sites = [(drop.centre, drop.precision) for drop in usable]
 
@@ -152,7 +149,7 @@ class GrowingStudy:
                 if self._latest is not work:
                     # A later one has these drops too: none waits for what nobody will see.
                     return
-                self._posterior = self._integrated(people, masses, room, rows, sites)
+                self._posterior = self._integrated(hit, np.array(place, int), room, sites)
                 self.drops = len(drops)
                 self._compiled.add(room)
 
@@ -163,14 +160,10 @@ class GrowingStudy:
             threading.Thread(target=work, daemon=True).start()
 
     def _integrated(
-        self,
-        people: dict[tuple[str, ...], int],
-        masses: dict[float, int],
-        room: tuple[int, ...],
-        rows: list[tuple[int, int, int]],
-        sites: Sequence[tuple[Any, Any]],
+        self, hit: pd.DataFrame, place: np.ndarray, room: tuple[int, ...], sites: Sequence[tuple[Any, Any]]
     ) -> _Posterior:
-        reference = float(np.exp(np.mean(np.log(list(masses) or [1.0]))))
+        people, masses = (hit[name].unique().tolist() for name in hit)
+        reference = float(np.exp(np.mean(np.log(masses or [1.0]))))
         # Masses that nobody was hit by have rows without a drop.
         spare = reference * (2.0 + np.arange(room[1]))
         of_slot = [*masses, *[m for m in spare if m not in masses][: room[1] - len(masses)]]
@@ -180,7 +173,7 @@ class GrowingStudy:
         ).assign(velocity_m_s=1.0)
         design = build_design(self._model.formula, table, reference_mass_kg=reference, source="watch")
         model, columns = planned_model(self._model, design, self._mass_sd)
-        at = np.ravel_multi_index(np.array(rows, int).reshape(-1, 3).T, room)
+        at = np.ravel_multi_index(place, room)
         centre, precision = np.zeros((1, len(table), 2)), np.tile(np.eye(2), (len(table), 1, 1))
         present = np.zeros((1, len(table)), bool)
         if len(at):
@@ -195,8 +188,8 @@ class GrowingStudy:
         KK, KC, CC = np.asarray(pairs).T
         covariance = np.moveaxis(np.array([[KK, KC], [KC, CC]]), -1, 0)
         mean = np.moveaxis(np.asarray(expected(columns, drawn.b[0])), 0, -1)[:, :: room[2]]
-        every = product(people.items(), masses.items())
-        cells = {(person, mass): p * room[1] + m for (person, p), (mass, m) in every}
+        every = product(enumerate(people), enumerate(masses))
+        cells = {(person, mass): p * room[1] + m for (p, person), (m, mass) in every}
         return _Posterior(cells, mean, covariance, drawn.weight[0])
 
     def estimates(self, drop: Drop) -> StudyEstimates | None:

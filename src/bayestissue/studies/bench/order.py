@@ -57,16 +57,15 @@ class Order:
         rows = dict(enumerate(self.rows))
         if self.people_named:
             return rows
-        planned = list(dict.fromkeys(str(row["subject"]) for row in self.rows))
-        names = dict(zip(planned, people, strict=False))
-
-        def named(row: Cells) -> Cells:
-            # Who comes next is not known: such a row leaves the person open.
-            person = names.get(str(row["subject"]))
-            others = {k: v for k, v in row.items() if k != "subject"}
-            return others if person is None else {**others, "subject": person}
-
-        return {at: named(row) for at, row in rows.items()}
+        planned = dict.fromkeys(str(row["subject"]) for row in self.rows)
+        # Who comes next is not known: such a row leaves the person open.
+        named: dict[str, Cells] = {
+            plan: {"subject": name} for plan, name in zip(planned, people, strict=False)
+        }
+        return {
+            at: {k: v for k, v in row.items() if k != "subject"} | named.get(str(row["subject"]), {})
+            for at, row in rows.items()
+        }
 
     def row_for(self, file: str, open_rows: Mapping[int, Cells], *facts: Cells) -> int | None:
         """The row that a new file takes: the one that names it, else the first open one.
@@ -97,13 +96,12 @@ class Order:
             now = self.rows[at] if at < len(self.rows) else {}
             was = before[at] if at < len(before) else {}
             said = self.files[at] if self.files and at < len(self.files) else ""
-            differing = [k for k in {**was, **now} if was.get(k) != now.get(k)]
-            if differing or (said and self.row_for(file, {at: {}}) is None):
-                name = differing[0] if differing else FILE
-                value, earlier = (
-                    (now.get(name, "nothing"), was.get(name, "nothing")) if differing else (said, file)
-                )
-                words: dict[str, Any] = {"name": name, "other": earlier, "drop": file}
+            pairs = {k: (now.get(k, "nothing"), was.get(k, "nothing")) for k in {**was, **now}}
+            if said and self.row_for(file, {at: {}}) is None:
+                pairs[FILE] = said, file
+            differing = [(name, value, other) for name, (value, other) in pairs.items() if value != other]
+            for name, value, other in differing[:1]:
+                words: dict[str, Any] = {"name": name, "other": other, "drop": file}
                 problems.append(Problem.stated("no-campaign.order", "order", at + 2, name, value, **words))
         refuse(problems)
 

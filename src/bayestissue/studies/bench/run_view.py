@@ -24,13 +24,11 @@ from bayestissue.recordings.dataset.left_out import FILE
 from bayestissue.reports.pages.answers_page import answered, question_lines
 from bayestissue.reports.pages.fit.fit_page import page_of
 from bayestissue.reports.pages.page import assets
-from bayestissue.studies.bench.decisions import Decisions
-from bayestissue.studies.bench.views import page_file
+from bayestissue.studies.bench.views import Decisions, page_file
 from bayestissue.studies.finished import Fit
 
-# Of the page where nothing was asked.
-_NO_QUESTIONS = '<span id="asked" hidden></span>'
-_NO_ANSWERS = '<div id="answers" aria-live="polite"></div>'
+# Behind these the page has the questions that were asked, and their answers.
+_ASKED, _ANSWERS = '<span id="asked" hidden>', '<div id="answers" aria-live="polite">'
 # Of questions, whose answers are kept.
 _KEPT = 500
 
@@ -92,11 +90,8 @@ class RunView:
     def _with_answers(self, texts: Sequence[str]) -> str:
         """The page, whose form sends the questions of its address along with the next one."""
         sent = Markup().join(Markup('<input type="hidden" name="q" value="{}">').format(t) for t in texts)
-        page = self._page
-        for tag, content in ((_NO_QUESTIONS, sent), (_NO_ANSWERS, self.answers(texts))):
-            begin, end = tag.split("></")
-            page = page.replace(tag, f"{begin}>{content}</{end}", 1)
-        return page
+        page = self._page.replace(_ASKED, f"{_ASKED}{sent}", 1)
+        return page.replace(_ANSWERS, f"{_ANSWERS}{self.answers(texts)}", 1)
 
     def answers(self, texts: Sequence[str]) -> str:
         """The answers to questions, or why one is refused, as a part of the page; empty without any."""

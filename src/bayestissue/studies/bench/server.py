@@ -18,9 +18,9 @@ from bayestissue.base.errors import InputError
 if TYPE_CHECKING:
     import uvicorn
     from starlette.applications import Starlette
+    from starlette.middleware.base import DispatchFunction, RequestResponseEndpoint
     from starlette.requests import Request
     from starlette.responses import Response
-    from starlette.types import ASGIApp, Receive, Scope, Send
 
 HOST = "127.0.0.1"
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".csv": "text/csv"}
@@ -80,6 +80,7 @@ def application(view: View, port: int, token: str) -> Starlette:
     """The page of a view for those who know the token, by this machine's name and port alone."""
     from starlette.applications import Starlette
     from starlette.middleware import Middleware
+    from starlette.middleware.base import BaseHTTPMiddleware
     from starlette.requests import ClientDisconnect
     from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
     from starlette.routing import Route
@@ -134,53 +135,39 @@ def application(view: View, port: int, token: str) -> Starlette:
         Route("/{name}", read),
         Route("/act/{action}", act, methods=["POST"]),
     ]
-    policy = _STYLED if view.has_figures else _POLICY
-    return Starlette(routes=routes, middleware=[Middleware(_Guard, port=port, token=token, policy=policy)])
+    guarded = _guarding(port, token, _STYLED if view.has_figures else _POLICY)
+    return Starlette(routes=routes, middleware=[Middleware(BaseHTTPMiddleware, dispatch=guarded)])
 
 
-class _Guard:
+def _guarding(port: int, token: str, policy: str) -> DispatchFunction:
     """Lets through who knows the token and comes from this page, and adds headers that keep others out."""
+    from starlette.responses import PlainTextResponse
 
-    def __init__(self, app: ASGIApp, port: int, token: str, policy: str) -> None:
-        self.app, self.token = app, token
-        self.headers = _HEADERS | {"content-security-policy": policy}
-        self.hosts = {f"{HOST}:{port}", f"localhost:{port}"}
-        # Cookies are of all ports of a host: two watches have two.
-        self.cookie = f"bayestissue-{port}"
+    hosts = {f"{HOST}:{port}", f"localhost:{port}"}
+    origins = {f"http://{name}" for name in hosts}
+    # Cookies are of all ports of a host: two watches have two.
+    cookie = f"bayestissue-{port}"
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        from starlette.requests import HTTPConnection
-        from starlette.responses import PlainTextResponse
+    def is_token(text: str) -> bool:
+        return secrets.compare_digest(text.encode(), token.encode())
 
-        if scope["type"] == "lifespan":
-            await self.app(scope, receive, send)
-            return
-        connection = HTTPConnection(scope)
-        token = connection.query_params.get("token", "") if scope["path"] == "/" else ""
-        knows = self._is_token(token)
-        host, origin = connection.headers.get("host", ""), connection.headers.get("origin")
-        same = origin in {f"http://{name}" for name in self.hosts}
-        writes = scope["type"] != "http" or scope["method"] not in ("GET", "HEAD")
-
-        async def with_headers(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                headers = dict(self.headers)
-                if knows:
-                    headers["set-cookie"] = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-                message["headers"] += [(k.encode(), v.encode()) for k, v in headers.items()]
-            await send(message)
-
-        if host not in self.hosts or (origin is not None and not same) or (writes and not same):
-            refusal = PlainTextResponse("not from this page", 403)
-        elif not knows and not self._is_token(connection.cookies.get(self.cookie, "")):
-            refusal = PlainTextResponse("open the whole address that the terminal shows", 403)
+    async def guarded(request: Request, answer: RequestResponseEndpoint) -> Response:
+        knows = request.scope["path"] == "/" and is_token(request.query_params.get("token", ""))
+        reads = request.method in ("GET", "HEAD")
+        same = request.headers.get("origin") in (origins | {None} if reads else origins)
+        response: Response
+        if request.headers.get("host") not in hosts or not same:
+            response = PlainTextResponse("not from this page", 403)
+        elif not knows and not is_token(request.cookies.get(cookie, "")):
+            response = PlainTextResponse("open the whole address that the terminal shows", 403)
         else:
-            await self.app(scope, receive, with_headers)
-            return
-        await refusal(scope, receive, with_headers)
+            response = await answer(request)
+        response.headers.update(_HEADERS | {"content-security-policy": policy})
+        if knows:
+            response.headers["set-cookie"] = f"{cookie}={token}; Path=/; HttpOnly; SameSite=Strict"
+        return response
 
-    def _is_token(self, text: str) -> bool:
-        return secrets.compare_digest(text.encode(), self.token.encode())
+    return guarded
 
 
 def configured(app: Starlette) -> uvicorn.Server:
@@ -193,24 +180,15 @@ def configured(app: Starlette) -> uvicorn.Server:
 
     class Connection(H11Protocol):
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-            open_ones = [
-                connection
-                for connection in self.connections
-                if isinstance(connection, Connection) and connection.is_open()
-            ]
-            silent = [connection for connection in open_ones if connection.is_silent()]
+            mine = [one for one in self.connections if isinstance(one, Connection)]
+            open_ones = [one for one in mine if not one.transport.is_closing()]
+            # Those that wait for nothing.
+            silent = [one for one in open_ones if one.cycle is None or one.cycle.response_complete]
             if len(open_ones) >= _MOST_CONNECTIONS - 1 and silent:
-                min(silent, key=lambda connection: connection.since).transport.close()
+                min(silent, key=lambda one: one.since).transport.close()
             super().connection_made(transport)
             self.since = self.loop.time()
             self.loop.call_later(_PATIENCE_S, self.end_if_nothing_came)
-
-        def is_open(self) -> bool:
-            return not self.transport.is_closing()
-
-        def is_silent(self) -> bool:
-            """Whether it waits for nothing."""
-            return self.cycle is None or self.cycle.response_complete
 
         def end_if_nothing_came(self) -> None:
             if self.cycle is None:

@@ -1,9 +1,10 @@
-"""What the pages of a watch and of a dataset show, as JSON."""
+"""What the pages of a watch and of a dataset show, as JSON, and the decisions that are taken on them."""
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from bayestissue.inference.points.notes import PHANTOM
 from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.recordings.dataset.impact_table import required_columns
-from bayestissue.studies.bench.decisions import Decisions, one_line
+from bayestissue.recordings.dataset.left_out import FILE, reasons, write_left_out
 from bayestissue.studies.bench.growing_study import level
 from bayestissue.studies.bench.verdict import verdict
 from bayestissue.studies.bench.watching import Watch, numbers_of
@@ -35,6 +36,63 @@ _FILES = {"page.css": ["page.css"], "page.js": ["server.js", "page.js"]}
 def page_file(name: str) -> str:
     """A file of the folder `page`."""
     return files(__package__).joinpath("page", name).read_text(encoding="utf-8")
+
+
+class Decisions:
+    """What `left_out.csv` of a dataset says, and is made to say; safe to be called from several threads.
+
+    Attributes:
+        folder: of the dataset.
+        version: counts changes, from 1.
+        changed: of each impact the change that last concerned it.
+    """
+
+    def __init__(self, folder: Path, impacts: Iterable[str]) -> None:
+        self.folder, self.version = folder, 1
+        self.changed = dict.fromkeys(impacts, 1)
+        # Of each decision, the impact and the reason before it.
+        self._before: list[tuple[str, str]] = []
+        self._lock = threading.Lock()
+
+    @property
+    def reasons(self) -> dict[str, str]:
+        """Why each impact is left out, by those that are."""
+        return reasons(self.folder)
+
+    def act(self, action: str, content: dict[str, Any]) -> None:
+        """Leave an impact out ("decide" with a reason), accept it ("decide" without one), or "take-back".
+
+        Raises:
+            KeyError: no such action or impact, or nothing to take back.
+            InputError: no impact would be left.
+        """
+        with self._lock:
+            if action == "decide":
+                impact, reason = str(content["impact"]), one_line(content["reason"])
+                before = impact, self.reasons.get(impact, "")
+                self._write(impact, reason)
+                self._before.append(before)
+            elif action == "take-back" and self._before:
+                self._write(*self._before[-1])
+                self._before.pop()
+            else:
+                raise KeyError(action)
+
+    def _write(self, impact: str, reason: str) -> None:
+        if impact not in self.changed:
+            raise KeyError(impact)
+        left_out = {k: v for k, v in (self.reasons | {impact: reason}).items() if v}
+        if set(self.changed) <= set(left_out):
+            raise InputError.stated("none-left", FILE, value="none left", impact=impact)
+        write_left_out(self.folder, left_out)
+        # In this order: who reads the new version finds the change.
+        self.changed[impact] = self.version + 1
+        self.version += 1
+
+
+def one_line(text: Any) -> str:
+    """A text of a page as a cell of a table can have it."""
+    return " ".join("".join(c if c.isprintable() else " " for c in str(text)[:200]).split())
 
 
 class DropsView(ABC):
@@ -219,10 +277,8 @@ class DatasetView(DropsView):
 
     def drop(self, impact: str) -> dict[str, Any]:
         """One impact with its trace and its fit."""
-        number = list(self._rows.index).index(impact) if impact in self._rows.index else None
-        if number is None:
-            raise KeyError(impact)
-        one = self.data.select([number])
+        place = {name: at for at, name in enumerate(self._rows.index)}
+        one = self.data.select([place[impact]])
         return {"impact": impact, "study": {}, "trace": trace(impact_of(one))}
 
     def act(self, action: str, content: dict[str, Any]) -> None:

@@ -44,6 +44,8 @@ from bayestissue.studies.bench.verdict import DropVerdict, verdict
 from bayestissue.studies.one_impact import Impact, impact_of
 from bayestissue.studies.one_impact import impact as one_impact
 
+# Bytes of a file's name that are no UTF-8, so that no table can have it.
+_NO_TEXT = re.compile("[\ud800-\udfff]")
 # Traces that pages can be shown at once; of others they are read anew. And lines that pages can catch up on.
 _TRACES, _LINES = 30, 200
 # Recordings of its condition that a new one is asked with: they tell another velocity, and more would wait.
@@ -179,7 +181,7 @@ class Watch:
             with suppress(ValueError):
                 order = self.campaign.order_file.resolve().relative_to(self.recordings.resolve())
                 listed.pop(order.as_posix(), None)
-        for name in filter(_is_no_text, listed):
+        for name in filter(_NO_TEXT.search, listed):
             if self._follower.settled.get(name) != listed[name]:
                 self._follower.settled[name] = listed[name]
                 said = printable(name)
@@ -194,7 +196,6 @@ class Watch:
             waiting = self._give_rows(listed)
         ready = tuple(name for name in ready if name not in waiting)
         trouble = None
-        held = False
         for name in ready:
             self._follower.settled[name] = listed[name]
             try:
@@ -203,7 +204,7 @@ class Watch:
             except _RowHeldError as error:
                 self._follower.settled.pop(name)
                 self._wait(error.problems[0])
-                held = True
+                ready = ()
                 break
             except OSError as error:
                 # It may be there, or free, at the next look.
@@ -211,7 +212,7 @@ class Watch:
                 trouble = error
         if trouble:
             raise trouble
-        return bool(ready) and not held
+        return bool(ready)
 
     def _wait(self, problem: Problem) -> None:
         """Stop, and say what a person has to look at."""
@@ -693,15 +694,6 @@ def _in_a_row(names: Sequence[str]) -> str:
 def _shape(name: str) -> str:
     """A name but for its numbers."""
     return re.sub(r"\d+", "0", name)
-
-
-def _is_no_text(name: str) -> bool:
-    """Whether a file's name is no UTF-8, so that no table can have it."""
-    try:
-        name.encode()
-    except UnicodeEncodeError:
-        return True
-    return False
 
 
 def _holds(path: Path, sha256: str) -> bool:
