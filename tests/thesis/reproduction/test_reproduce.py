@@ -19,12 +19,11 @@ from bayestissue.thesis.reproduction.claims import Evidence
 from bayestissue.thesis.reproduction.conditions import (
     QUANTITIES,
     Quantity,
-    between_sum_of_squares,
     conditions,
     covariate,
     grand_mean,
     rounding_norm,
-    within_sum_of_squares,
+    sum_of_squares,
 )
 from bayestissue.thesis.reproduction.relations import (
     correlation_figure,
@@ -82,7 +81,7 @@ def test_rounding_and_lost_impacts_move_a_number_no_further_than_its_bound(
     for found, truth in pairs:
         assert found.value is not None
         assert abs(found.value - truth) <= found.rounding + 1e-12
-    total = within_sum_of_squares(table) + between_sum_of_squares(table)
+    total = sum_of_squares(table)
     # the triangle inequality bounds the norm of the centred impacts
     assert abs(np.sqrt(total) - np.linalg.norm(y - y.mean())) <= rounding_norm(table)
     assert abs(grand_mean(table) - y.mean()) <= table["average_rounding"].max()

@@ -5,54 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.base.declarations import declared
-from bayestissue.base.results.tables import columns_of, table_of_rows
+from bayestissue.base.results.tables import table_of_rows
 from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction import reproduce_published
 from bayestissue.thesis.reproduction.agreement import decimals
 from bayestissue.thesis.reproduction.conditions import Quantity, conditions
 
-Severity = Literal["major", "minor", "note"]
-Bearing = Literal["tissue", "physics", "inputs", "method", "conclusions", "tables", "wording"]
-
-SEVERITIES: tuple[Severity, ...] = get_args(Severity)
-BEARINGS: tuple[Bearing, ...] = get_args(Bearing)
-
-
-@dataclass(frozen=True)
-class Inconsistency:
-    """One thing that does not hold together.
-
-    Attributes:
-        where: the table or section.
-        what: the quantity, in a few words.
-        published: the figure as it stands there.
-        implied: the figure that follows from something else.
-        severity: how serious it is (`SEVERITIES`, worst first).
-        explanation: one or two sentences that hold without the other columns.
-        bearing: what it puts in doubt (`BEARINGS`, most damaging first).
-    """
-
-    where: str
-    what: str
-    published: str
-    implied: str
-    severity: Severity
-    explanation: str
-    bearing: Bearing
-
-
-def as_table(graded: Iterable[Inconsistency]) -> pd.DataFrame:
-    """The table ``audit.csv``, worst first: by severity, what is at stake, then in the order found."""
-    ranked = sorted(graded, key=lambda one: (SEVERITIES.index(one.severity), BEARINGS.index(one.bearing)))
-    rows = ([getattr(one, name) for name in columns_of("audit")] for one in ranked)
-    return table_of_rows("audit", rows).astype("str")
+# How serious a finding is, and what it puts in doubt: worst first.
+SEVERITIES = ("major", "minor", "note")
+BEARINGS = ("tissue", "physics", "inputs", "method", "conclusions", "tables", "wording")
 
 
 type Numbers = Mapping[str, Any]
@@ -70,14 +38,26 @@ TEXTS = declared(__package__, "inconsistencies.toml")
 
 def findings[Subject](
     checks: Iterable[Check[Subject]], subject: Subject, where: str = ""
-) -> Iterator[Inconsistency]:
-    """What checks find in ``subject``, in words; ``where`` if no place is named."""
+) -> Iterator[dict[str, str]]:
+    """What checks find in ``subject``, in words: rows of `audit.csv`, each with its ``bearing``.
+
+    ``where`` is the table or section of a finding that names none. The explanation holds without the other
+    columns.
+    """
     for check in checks:
         texts = dict(TEXTS[check.__name__])
         severity, bearing = texts.pop("severity"), texts.pop("bearing")
         for numbers in check(subject):
-            words = {"where": where} | {name: text.format(**numbers) for name, text in texts.items()}
-            yield Inconsistency(**words, severity=numbers.get("severity") or severity, bearing=bearing)
+            words = {name: text.format(**numbers) for name, text in texts.items()}
+            graded = {"severity": numbers.get("severity") or severity, "bearing": bearing}
+            yield {"where": where, **words, **graded}
+
+
+def as_table(found: Iterable[dict[str, str]]) -> pd.DataFrame:
+    """The table ``audit.csv``, worst first: by severity, what is at stake, then in the order found."""
+    grades = {"severity": SEVERITIES, "bearing": BEARINGS}
+    ranked = sorted(found, key=lambda row: [order.index(row[name]) for name, order in grades.items()])
+    return table_of_rows("audit", ranked).astype("str")
 
 
 @dataclass(frozen=True)

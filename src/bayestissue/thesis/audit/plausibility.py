@@ -20,6 +20,9 @@ from bayestissue.mechanics.oscillator import peak_displacement, time_to_peak
 from bayestissue.recordings.signal.integrals import trapezoids
 from bayestissue.thesis.audit.inconsistencies import AuditedImpacts, Numbers, number_list
 
+# Something of each impact, and of each made-up blow over time.
+PerImpact = Float[np.ndarray, " impact"]
+Pulses = Float[np.ndarray, "pulse time"]
 # Of a made-up blow.
 _SAMPLES = 2001
 # A hard object struck against tissue over bone comes to rest in 5 to 50 ms; twice that is out of reach.
@@ -93,9 +96,7 @@ def frequency_curve(impacts: AuditedImpacts) -> Curve:
     )
 
 
-def _residuals(
-    omega: Float[np.ndarray, " impact"], zeta: Float[np.ndarray, " impact"]
-) -> Float[np.ndarray, " impact"]:
+def _residuals(omega: PerImpact, zeta: PerImpact) -> PerImpact:
     powers = np.vander(zeta - np.median(zeta), 3)
     with warnings.catch_warnings():
         # a perfect fit, as of simulated impacts without noise, is no reason to warn
@@ -104,7 +105,7 @@ def _residuals(
     return omega - fit.fittedvalues
 
 
-def variation(values: Float[np.ndarray, " impact"]) -> float:
+def variation(values: PerImpact) -> float:
     """Standard deviation over mean."""
     return float(np.std(values, ddof=1) / np.mean(values))
 
@@ -168,7 +169,7 @@ def equal_masses_at_other_energies(impacts: AuditedImpacts) -> Iterator[Numbers]
 
 
 def centred_fit(
-    velocity: Float[np.ndarray, "pulse time"], deceleration: Float[np.ndarray, "pulse time"]
+    velocity: Pulses, deceleration: Pulses
 ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
     """(ω_n T, ζ) of the least squares fit x″ + 2ζω_n x′ + ω_n² (x − x̄) = 0 on a window of length T.
 
@@ -191,7 +192,7 @@ def centred_fit(
 
 
 @cache
-def made_up_pulses() -> tuple[Float[np.ndarray, "pulse time"], Float[np.ndarray, "pulse time"]]:
+def made_up_pulses() -> tuple[Pulses, Pulses]:
     """Velocity and deceleration, from contact to rest, of blows of very different shape.
 
     Bells exp(−(s − c)²/2w²) with the greatest deceleration anywhere from a third of the way to well after
@@ -219,7 +220,7 @@ def frequency_of_the_window(impacts: AuditedImpacts) -> Iterator[Numbers]:
     yield {"omega": omega, "slower": np.sqrt(mass.max() / mass.min()), **fit}
 
 
-def peak(impacts: AuditedImpacts) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarray, " impact"]]:
+def peak(impacts: AuditedImpacts) -> tuple[PerImpact, PerImpact]:
     """Time to peak (s) and peak displacement (m) of the impactor on a spring and damper of K and C."""
     velocity = impacts.rows["velocity_m_s"].to_numpy()
     time = time_to_peak(impacts.omega_n, impacts.zeta)

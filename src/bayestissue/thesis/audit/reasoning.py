@@ -12,10 +12,9 @@ from bayestissue.thesis.audit.inconsistencies import Numbers, Publication, named
 from bayestissue.thesis.reproduction.conditions import (
     QUANTITIES,
     Quantity,
-    between_sum_of_squares,
     conditions,
     factors,
-    within_sum_of_squares,
+    sum_of_squares,
 )
 from bayestissue.thesis.reproduction.relations import (
     ALPHA,
@@ -143,7 +142,7 @@ def sign_of_a_personal_factor(publication: Publication) -> Iterator[Numbers]:
         if listed.empty or listed.iloc[0]["correlation"] * row.coefficient >= 0:
             continue
         r, table = listed.iloc[0], conditions(tables, row.quantity)
-        squares = between_sum_of_squares(table) + within_sum_of_squares(table)
+        squares = sum_of_squares(table)
         total = float(np.sqrt(squares / (table["impacts"].sum() - 1)))
         yield {"row": row, "r": r, "needed": abs(r["correlation"]) * total / abs(row.coefficient)}
 

@@ -143,9 +143,8 @@ def published_observations(published: PublishedTables) -> PublishedObservations:
     conditions = averages.drop_duplicates("trial").sort_values("trial")
     subjects = np.sort(estimates["subject"].unique())
     columns = ["trial", "energy_J", "velocity_m_s", "mass_kg"]
-    cells = conditions[columns].loc[conditions.index.repeat(len(subjects))].reset_index(drop=True)
-    cells["subject"] = [f"s{subject:02d}" for subject in np.tile(subjects, len(conditions))]
-    cells["trial"] = cells["trial"].astype(str)
+    everyone = pd.DataFrame({"subject": [f"s{subject:02d}" for subject in subjects]})
+    cells = conditions[columns].astype({"trial": str}).merge(everyone, how="cross")
     number = pd.Series(cells.index, index=pd.MultiIndex.from_frame(cells[["trial", "subject"]]))
     trials, people = estimates["trial"].astype(str), (f"s{subject:02d}" for subject in estimates["subject"])
     lost = [trial for trial in conditions["trial"].astype(str) if trial not in set(trials)]

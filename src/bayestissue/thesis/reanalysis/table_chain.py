@@ -30,8 +30,11 @@ from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.model.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.thesis.reanalysis.table_model import (
+    Coordinates,
+    Effects,
     EstimatesData,
     EstimatesModel,
+    PairPerTable,
     densities,
     integrated,
     leave_one_out,
@@ -49,14 +52,14 @@ class TableState(NamedTuple):
 
     y: Float[Any, " hyperparameter"]
     b: Float[Any, " location"]
-    scatter: Float[Any, "table 2"]
+    scatter: PairPerTable
 
 
 class TableTuning(NamedTuple):
     """What the warm-up learns: a t near y's posterior, and where the tables' sites are made."""
 
     population: StudentT
-    scatter: Float[Any, "table 2"]
+    scatter: PairPerTable
 
 
 @dataclass(frozen=True)
@@ -180,11 +183,8 @@ _left_out = by_row(POINTS, constant=2)(leave_one_out)
 
 @by_row(POINTS, constant=2)
 def effects_by_sites(
-    model: EstimatesModel,
-    data: EstimatesData,
-    y: Float[Array, " hyperparameter"],
-    standard: Float[Array, " location"],
-) -> tuple[Float[Array, " location"], Float[Array, ""]]:
+    model: EstimatesModel, data: EstimatesData, y: Coordinates, standard: Effects
+) -> tuple[Effects, Float[Array, ""]]:
     """B from its conditional by the sites, and the log density with b integrated out, of every draw."""
     conditional, log_density = integrated(model, data, y)
     return effects_from_standard(data.design, conditional, data.location_mean, standard), log_density

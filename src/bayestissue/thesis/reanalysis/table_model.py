@@ -46,6 +46,11 @@ from bayestissue.thesis.reanalysis.observations import (
     pair_covariance,
 )
 
+# Hyperparameters without constraints, all effects b, and of each lost table something of K and of C.
+Coordinates = Float[Array, " hyperparameter"]
+Effects = Float[Array, " location"]
+PairPerTable = Float[Any, "table 2"]
+
 
 @partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["locations", "priors", "correlated"])
 @dataclass(frozen=True)
@@ -76,9 +81,9 @@ class EstimatesData(NamedTuple):
     location_mean: Float[Any, " location"]
     value: Float[Any, "impact 2"]
     included: Float[Any, " impact"]
-    roots: Float[Any, "table 2"]
+    roots: PairPerTable
     people: tuple[Float[Any, "table person part"], ...]
-    scatter: Float[Any, "table 2"]
+    scatter: PairPerTable
 
 
 def common_effects(designs: Iterable[Design], priors: Priors) -> EffectParts:
@@ -137,7 +142,7 @@ class Rows(NamedTuple):
         return self.constant + small.normal_log_density(self.centre - expectation, self.covariance)
 
 
-def _rows(data: EstimatesData, covariances: Covariances, scatter: Float[Array, "table 2"]) -> Rows:
+def _rows(data: EstimatesData, covariances: Covariances, scatter: PairPerTable) -> Rows:
     """The estimates, and the lost tables with their people's expectations ``scatter`` apart."""
     tables, estimates, residual = len(data.roots), len(data.value) - len(data.roots), covariances.pair_matrix
     factor = jnp.broadcast_to(jnp.linalg.cholesky(residual), (tables, 2, 2))
@@ -173,7 +178,7 @@ class Integrated(NamedTuple):
     log_density: Float[Any, ""]
 
 
-def integrated(model: EstimatesModel, data: EstimatesData, y: Float[Array, " hyperparameter"]) -> Integrated:
+def integrated(model: EstimatesModel, data: EstimatesData, y: Coordinates) -> Integrated:
     """See `Integrated`; ``y`` are the hyperparameters' unconstrained coordinates."""
     hyperparameters, log_prior = hyperparameters_at(model, y)
     covariances = model.covariances(hyperparameters)
@@ -182,9 +187,7 @@ def integrated(model: EstimatesModel, data: EstimatesData, y: Float[Array, " hyp
     return Integrated(conditional, jnp.where(jnp.isfinite(log_density), log_prior + log_density, -jnp.inf))
 
 
-def leave_one_out(
-    model: EstimatesModel, data: EstimatesData, y: Float[Array, " hyperparameter"]
-) -> Float[Array, " impact"]:
+def leave_one_out(model: EstimatesModel, data: EstimatesData, y: Coordinates) -> Float[Array, " impact"]:
     """Log density of each row given all others that are kept, b integrated out and the tables by their sites.
 
     With residual e about the mean of X b given all rows, C its covariance there and S the row's own, the row
@@ -217,17 +220,12 @@ class Densities(NamedTuple):
         rows: log density of every row's data, kept or not.
     """
 
-    scatter: Float[Any, "table 2"]
+    scatter: PairPerTable
     log_ratio: Float[Any, ""]
     rows: Float[Any, " impact"]
 
 
-def densities(
-    model: EstimatesModel,
-    data: EstimatesData,
-    y: Float[Array, " hyperparameter"],
-    b: Float[Array, " location"],
-) -> Densities:
+def densities(model: EstimatesModel, data: EstimatesData, y: Coordinates, b: Effects) -> Densities:
     """See `Densities`."""
     covariances = model.covariances(hyperparameters_at(model, y)[0])
     at_sites = _rows(data, covariances, data.scatter)
@@ -239,7 +237,7 @@ def densities(
     return Densities(scatter, log_ratio, rows)
 
 
-def people_deviations(data: EstimatesData, b: Float[Array, " location"]) -> Float[Array, "table person 2"]:
+def people_deviations(data: EstimatesData, b: Effects) -> Float[Array, "table person 2"]:
     """X b of each lost table's people less their mean."""
     begin = data.people[0].shape[-1]
     return jnp.stack([data.people[0] @ b[:begin], data.people[1] @ b[begin:]], axis=-1)

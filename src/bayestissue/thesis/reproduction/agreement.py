@@ -86,16 +86,13 @@ def is_cut_off(printed: str, value: float) -> bool:
 
 def line(table: str, row: int, quantity: str, printed: str, recomputed: Recomputed) -> PublishedNumber:
     """Compare ``printed`` (empty where its cell is lost) with what was ``recomputed``."""
-    if recomputed.value is None:
-        return PublishedNumber(table, row, quantity, printed, "", None, recomputed.note)
-    reproduced = f"{recomputed.value:.8g}"
-    if not printed:
-        return PublishedNumber(table, row, quantity, printed, reproduced, None, recomputed.note)
-    agreed = agrees(printed, recomputed.value)
-    notes = [] if agreed else [recomputed.hint, _difference(printed, recomputed.value, recomputed.rounding)]
-    return PublishedNumber(
-        table, row, quantity, printed, reproduced, agreed, "; ".join(filter(None, [*notes, recomputed.note]))
-    )
+    value, agreed, notes = recomputed.value, None, [recomputed.note]
+    if printed and value is not None:
+        agreed = agrees(printed, value)
+        if not agreed:
+            notes = [recomputed.hint, _difference(printed, value, recomputed.rounding), recomputed.note]
+    reproduced = "" if value is None else f"{value:.8g}"
+    return PublishedNumber(table, row, quantity, printed, reproduced, agreed, "; ".join(filter(None, notes)))
 
 
 def line_of(row: pd.Series, column: str, quantity: str, recomputed: Recomputed) -> PublishedNumber:

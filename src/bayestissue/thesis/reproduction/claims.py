@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,13 +24,11 @@ from bayestissue.thesis.reproduction.conditions import (
     NEVER_TABULATED,
     QUANTITIES,
     Quantity,
-    between_sum_of_squares,
     conditions,
     factors,
     grand_mean,
-    has_mass,
     rounding_norm,
-    within_sum_of_squares,
+    sum_of_squares,
 )
 from bayestissue.thesis.reproduction.relations import (
     ALPHA,
@@ -171,7 +169,7 @@ class Evidence:
 def _variance(evidence: Evidence) -> Recomputed:
     """Sums of squares within and between conditions over n - 1; ‖y + e‖² moves by 2‖y‖‖e‖ + ‖e‖²."""
     table = evidence.table
-    squares = within_sum_of_squares(table) + between_sum_of_squares(table)
+    squares = sum_of_squares(table)
     degrees, error = float(table["impacts"].sum()) - 1, rounding_norm(table)
     return Recomputed(squares / degrees, (2 * np.sqrt(squares) * error + error**2) / degrees)
 
@@ -188,7 +186,7 @@ def _of_ends(rule: Callable[[Rounded, Rounded], Rounded], end: Callable[[str], R
 def _with_mass_among_highest(evidence: Evidence) -> Recomputed:
     """How many variables of Table 5.12 lead the order of absolute correlations and have mass in them."""
     r = evidence.correlations
-    leading = np.cumprod([has_mass(name) for name in sorted(r, key=lambda name: -abs(r[name]))])
+    leading = np.cumprod(["mass" in factors(name) for name in sorted(r, key=lambda name: -abs(r[name]))])
     return Recomputed(float(leading.sum()), note=f"of the {len(r)} that can be recomputed")
 
 
@@ -209,6 +207,19 @@ def _in_final_model(evidence: Evidence) -> Recomputed:
     return Recomputed(float(len(entered)), note=note)
 
 
+def _estimates(evidence: Evidence) -> Recomputed:
+    """How many impacts were estimated."""
+    left = f"{len(evidence.published.estimates)} of them remain"
+    return Recomputed(float(evidence.table["impacts"].sum()), note=left)
+
+
+def _available(evidence: Evidence) -> Recomputed:
+    """How many variables Table 5.17 chooses among, equal products counted once."""
+    names = evidence.published.stepwise["variable"]
+    listed = f"Table 5.17 lists {names.nunique()} names, of which equal products are counted once"
+    return Recomputed(float(names.map(factors).nunique()), note=listed)
+
+
 _EXTREMES = {"minimum": smallest, "maximum": largest}
 _STATISTICS: dict[str, Callable[[Evidence], Recomputed]] = {
     "mean": lambda evidence: Recomputed(grand_mean(evidence.table), evidence.rounding),
@@ -224,43 +235,29 @@ _STATISTICS: dict[str, Callable[[Evidence], Recomputed]] = {
     "number of variables significantly correlated": _significantly_correlated,
     "number of variables in the final stepwise model": _in_final_model,
     "highest correlations with mass as a component": _with_mass_among_highest,
+    "number of trials": lambda evidence: Recomputed(float(len(evidence.table))),
+    "number of subjects": lambda evidence: Recomputed(
+        float(evidence.published.estimates["subject"].nunique())
+    ),
+    "number of estimates": _estimates,
+    "number of variables available to the stepwise analysis": _available,
 }
 _CORRELATION = re.compile(r"correlation (?P<averaged>of trial averages )?with (?P<name>.+)")
 _NO_RULE = "no rule recomputes this statistic"
 
 
-def claim_lines(published: PublishedTables) -> list[PublishedNumber]:
+def claim_lines(published: PublishedTables) -> Iterator[PublishedNumber]:
     """Every claim of the text beside what the tables say; ``row`` is the number of the claim."""
     evidence: dict[str, Evidence] = {quantity: Evidence(published, quantity) for quantity in QUANTITIES}
-    lines = []
+    evidence["design"] = evidence["K"]
     for _, claim in published.claims.iterrows():
         statistic, quantity = claim["statistic"], claim["quantity"]
-        if quantity == "design":
-            name, recomputed = statistic, _design(statistic, published, evidence["K"].table)
-        else:
-            name, recomputed = f"{quantity}: {statistic}", Recomputed(None, note=NEVER_TABULATED)
-            if quantity in evidence:
-                recomputed = evidence[quantity].statistic(statistic)
+        name = statistic if quantity == "design" else f"{quantity}: {statistic}"
+        recomputed = Recomputed(None, note=NEVER_TABULATED)
+        if quantity in evidence:
+            recomputed = evidence[quantity].statistic(statistic)
         recomputed = replace(recomputed, hint=_hint(claim, published.claims, recomputed))
-        section = f"section {claim['section']}"
-        lines.append(line(section, int(claim["claim"]), name, claim["value_text"], recomputed))
-    return lines
-
-
-def _design(statistic: str, published: PublishedTables, table: pd.DataFrame) -> Recomputed:
-    match statistic:
-        case "number of trials":
-            return Recomputed(float(len(table)))
-        case "number of subjects":
-            return Recomputed(float(published.estimates["subject"].nunique()))
-        case "number of estimates":
-            left = f"{len(published.estimates)} of them remain"
-            return Recomputed(float(table["impacts"].sum()), note=left)
-        case "number of variables available to the stepwise analysis":
-            names = published.stepwise["variable"]
-            listed = f"Table 5.17 lists {names.nunique()} names, of which equal products are counted once"
-            return Recomputed(float(names.map(factors).nunique()), note=listed)
-    return Recomputed(None, note=_NO_RULE)
+        yield line(f"section {claim['section']}", int(claim["claim"]), name, claim["value_text"], recomputed)
 
 
 def _hint(claim: pd.Series, claims: pd.DataFrame, recomputed: Recomputed) -> str:

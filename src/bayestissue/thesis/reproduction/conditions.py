@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
@@ -50,19 +51,16 @@ def conditions(published: PublishedTables, quantity: Quantity) -> pd.DataFrame:
     return result
 
 
-def within_sum_of_squares(table: pd.DataFrame) -> float:
-    """Σ (n - 1) s²: the sum of squares of the impacts about the averages of their conditions."""
-    return float(((table["impacts"] - 1) * table["sd"] ** 2).sum())
-
-
 def grand_mean(table: pd.DataFrame) -> float:
     """The mean over all impacts, which follows from the averages of the conditions."""
     return float(np.average(table["average"], weights=table["impacts"]))
 
 
-def between_sum_of_squares(table: pd.DataFrame) -> float:
-    """Σ n (average - grand mean)²: the sum of squares of the conditions."""
-    return float((table["impacts"] * (table["average"] - grand_mean(table)) ** 2).sum())
+def sum_of_squares(table: pd.DataFrame) -> float:
+    """Σ n (average - grand mean)² + Σ (n - 1) s²: the sum of squares between conditions and within them."""
+    n = table["impacts"]
+    between = (n * (table["average"] - grand_mean(table)) ** 2).sum()
+    return float(between) + float(((n - 1) * table["sd"] ** 2).sum())
 
 
 def rounding_norm(table: pd.DataFrame) -> float:
@@ -110,33 +108,21 @@ def covariate(name: str, table: pd.DataFrame) -> np.ndarray | None:
     return np.prod([table[_FACTORS[part]].to_numpy(float) for part in parts], axis=0)
 
 
-def has_mass(name: str) -> bool:
-    """Whether mass is a factor of the variable ``name``."""
-    return "mass" in factors(name)
-
-
 _NAMES = {"average": "average", "sd": "standard deviation", "range": "range"}
 
 
-def summary_lines(published: PublishedTables) -> list[PublishedNumber]:
+def summary_lines(published: PublishedTables) -> Iterator[PublishedNumber]:
     """Average, standard deviation (with n - 1) and range of K and C in every trial, printed and recomputed.
 
     The masses of the first of the two tables are set beside 2E/V², which defines them (section 6.4).
     """
-    lines = []
+    for trial, condition in conditions(published, QUANTITIES[0]).iterrows():
+        yield line_of(condition, "mass_kg", f"mass, trial {trial}", _mass(condition))
     for quantity in QUANTITIES:
-        table = conditions(published, quantity)
-        if quantity == QUANTITIES[0]:
-            lines += [
-                line_of(condition, "mass_kg", f"mass, trial {trial}", _mass(condition))
-                for trial, condition in table.iterrows()
-            ]
-        lines += [
-            line_of(condition, name, f"{label} of {quantity}, trial {trial}", _summary(condition, name))
-            for trial, condition in table.iterrows()
-            for name, label in _NAMES.items()
-        ]
-    return lines
+        for trial, condition in conditions(published, quantity).iterrows():
+            for name, label in _NAMES.items():
+                number = f"{label} of {quantity}, trial {trial}"
+                yield line_of(condition, name, number, _summary(condition, name))
 
 
 def _summary(condition: pd.Series, name: str) -> Recomputed:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -18,13 +18,12 @@ from bayestissue.thesis.reproduction.conditions import (
     NEVER_TABULATED,
     QUANTITIES,
     Quantity,
-    between_sum_of_squares,
     conditions,
     covariate,
     factors,
     rounding_norm,
+    sum_of_squares,
     unrounded_mass,
-    within_sum_of_squares,
 )
 
 ALPHA = 0.05  # the level below which a variable enters
@@ -64,7 +63,7 @@ def correlation_of_impacts(name: str, table: pd.DataFrame) -> Recomputed:
         return Recomputed(None, note=NEVER_TABULATED)
     n, y = table["impacts"].to_numpy(float), table["average"].to_numpy()
     deviation = x - np.average(x, weights=n)
-    total = between_sum_of_squares(table) + within_sum_of_squares(table)
+    total = sum_of_squares(table)
     r = float((n * deviation * (y - np.average(y, weights=n))).sum())
     r /= float(np.sqrt((n * deviation**2).sum() * total))
     return Recomputed(r, rounding=_angle(rounding_norm(table), float(np.sqrt(total))))
@@ -85,19 +84,17 @@ def p_value(r: float, n: float) -> float:
     return float(2 * stats.t.sf(abs(r) * np.sqrt((n - 2) / (1 - r * r)), n - 2))
 
 
-def correlation_lines(published: PublishedTables) -> list[PublishedNumber]:
+def correlation_lines(published: PublishedTables) -> Iterator[PublishedNumber]:
     """Every correlation and p-value of Tables 5.12 to 5.15; the lost Table 5.13 is filled in."""
     tables: dict[str, pd.DataFrame] = {quantity: conditions(published, quantity) for quantity in QUANTITIES}
-    lines = []
     for quantity in ALL_IMPACTS.values():
         for _, row in variables_of_all_impacts(published, quantity).iterrows():
-            lines += _impact_lines(row, tables[quantity])
+            yield from _impact_lines(row, tables[quantity])
     averaged = published.correlations[~published.correlations["table"].isin(ALL_IMPACTS)]
     for _, row in averaged.iterrows():
         name = f"correlation of {row['quantity']} with {row['variable']}, averages"
         recomputed = correlation_of_averages(row["variable"], tables[row["quantity"]])
-        lines.append(line_of(row, "correlation", name, recomputed))
-    return lines
+        yield line_of(row, "correlation", name, recomputed)
 
 
 def variables_of_all_impacts(published: PublishedTables, quantity: Quantity) -> pd.DataFrame:
@@ -129,16 +126,15 @@ def correlation_figure(published: PublishedTables, quantity: Quantity, *, averag
     the thesis lists twice is shown once.
     """
     table = conditions(published, quantity)
+    rows, correlation = variables_of_all_impacts(published, quantity), correlation_of_impacts
     if averages:
         rows = published.correlations.query("table == @AVERAGED_TABLES[@quantity]")
-        correlations = [correlation_of_averages(name, table) for name in rows["variable"]]
-    else:
-        rows = variables_of_all_impacts(published, quantity)
-        correlations = [correlation_of_impacts(name, table) for name in rows["variable"]]
+        correlation = correlation_of_averages
+    recomputed = [correlation(name, table).value for name in rows["variable"]]
     figure = pd.DataFrame(
         {
             "variable": rows["variable"].to_numpy(),
-            "correlation": pd.Series([one.value for one in correlations], dtype="float64"),
+            "correlation": pd.Series(recomputed, dtype="float64"),
             "published": pd.to_numeric(rows["correlation_text"], errors="coerce").to_numpy(),
         }
     )
@@ -148,7 +144,7 @@ def correlation_figure(published: PublishedTables, quantity: Quantity, *, averag
     return shown.sort_values("absolute", ascending=False, kind="stable", ignore_index=True)
 
 
-def _impact_lines(row: pd.Series, table: pd.DataFrame) -> list[PublishedNumber]:
+def _impact_lines(row: pd.Series, table: pd.DataFrame) -> Iterator[PublishedNumber]:
     """A correlation over all impacts, and its p-value."""
     r, n, lost = correlation_of_impacts(row["variable"], table), float(table["impacts"].sum()), ""
     if row["table"] == "5.13":
@@ -162,10 +158,8 @@ def _impact_lines(row: pd.Series, table: pd.DataFrame) -> list[PublishedNumber]:
         value, highest = p_value(r.value, n), p_value(max(abs(r.value) - r.rounding, 0.0), n)
         p = Recomputed(value, rounding=highest - value, note=lost)
     name = f"of {row['quantity']} with {row['variable']}, all impacts"
-    return [
-        line_of(row, "correlation", f"correlation {name}", r),
-        line_of(row, "p_value", f"p-value {name}", p),
-    ]
+    yield line_of(row, "correlation", f"correlation {name}", r)
+    yield line_of(row, "p_value", f"p-value {name}", p)
 
 
 def _p_note(row: pd.Series, recomputed: Recomputed, n: float) -> str:
@@ -219,32 +213,27 @@ def select_forward(response: pd.Series, known: dict[tuple[str, ...], np.ndarray]
     return entered
 
 
-def regression_lines(published: PublishedTables) -> list[PublishedNumber]:
+def regression_lines(published: PublishedTables) -> Iterator[PublishedNumber]:
     """Coefficients and R² of both equations, fitted to the averages of the nine conditions."""
-    lines = []
     for quantity in QUANTITIES:
         printed = published.regressions.query("quantity == @quantity")
         recomputed = _equation(conditions(published, quantity), printed)
         terms = zip(printed["term"], printed["coefficient_text"], strict=True)
-        lines += [
-            line(f"equation of {quantity}", row, f"coefficient of {term}", text, recomputed[term])
-            for row, (term, text) in enumerate(terms, start=1)
-        ]
+        for row, (term, text) in enumerate(terms, start=1):
+            yield line(f"equation of {quantity}", row, f"coefficient of {term}", text, recomputed[term])
         text = printed["r_squared_text"].iloc[0]
-        lines.append(line(f"equation of {quantity}", len(printed) + 1, "R²", text, recomputed["R²"]))
-    return lines
+        yield line(f"equation of {quantity}", len(printed) + 1, "R²", text, recomputed["R²"])
 
 
-def stepwise_lines(published: PublishedTables) -> list[PublishedNumber]:
+def stepwise_lines(published: PublishedTables) -> Iterator[PublishedNumber]:
     """Which variables enter, by forward selection at 0.05 on the averages, without skin and muscle."""
-    lines = []
     for quantity in QUANTITIES:
         rows = published.stepwise.query("quantity == @quantity")
         table = conditions(published, quantity)
         known = candidates(rows["variable"], table)
         entered = select_forward(table["average"], known)
-        lines += [_stepwise_line(row, known, entered) for _, row in rows.iterrows()]
-    return lines
+        for _, row in rows.iterrows():
+            yield _stepwise_line(row, known, entered)
 
 
 def printed_line(published: PublishedTables, quantity: Quantity) -> tuple[float, float]:
