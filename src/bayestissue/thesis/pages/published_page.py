@@ -27,7 +27,7 @@ from bayestissue.reports.pages.posterior import (
     hypothesis_probability,
     sureness,
 )
-from bayestissue.reports.pages.wording import listed, percent, relative
+from bayestissue.reports.pages.wording import relative
 from bayestissue.thesis.audit.inconsistencies import TEXTS
 from bayestissue.thesis.pages import published_figures, published_run
 from bayestissue.thesis.pages.published_run import PublishedRun
@@ -70,21 +70,11 @@ def constant_frequency_finding(run: PublishedRun) -> int | None:
     return int(rows[0]) if len(rows) else None
 
 
-def doubts(run: PublishedRun) -> bool:
-    """Whether the audit doubts that the published figures measure the tissue."""
-    return bool((run.audit["severity"] == "major").any())
-
-
 def people_sentence(run: PublishedRun) -> str:
     """By how much people differ in K and in C, and who by a 90 % interval."""
     between = [f"{row['subject']} in {row['quantity']}" for row in sureness(run) if "subject" in row]
     people = {person for of_quantity in differing(run, "subject").values() for person in of_quantity}
     return worded("published", "people", between, sorted(people))
-
-
-def frequency_sentence(run: PublishedRun) -> str:
-    """How much ωₙ varies over the conditions, beside how much the mass does."""
-    return worded("published", "frequency", natural_frequencies(run), run.constant("mass_kg"))
 
 
 # Findings on the first screen, and pixels of its figure.
@@ -120,19 +110,14 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
     )
 
 
-def of_quantities(figure: Callable[..., Figure], *arguments: Any, **options: Any) -> list[Figure]:
-    """A figure of K, and the same of C."""
-    return [figure(*arguments, quantity, **options) for quantity in QUANTITIES]
+def of_quantities(
+    figure: Callable[..., Figure], source: Any, *, needs: str = "", **options: Any
+) -> list[Figure]:
+    """A figure of K, and the same of C, of a run or the tables.
 
-
-def exponent_figures(run: PublishedRun) -> list[Figure]:
-    """The mass exponents that the model has."""
-    return [posterior.exponent_figure(run, q) for q in QUANTITIES if exponent(run, q) is not None]
-
-
-def effects_figures(run: PublishedRun, level: str) -> list[Figure]:
-    """The effects of people ("subject") or conditions ("trial") that the model has."""
-    return [posterior.effects_figure(run, q, level) for q in QUANTITIES if run.has(f"{level}_effect_{q}")]
+    ``needs`` is how the name of the variable begins without which a run has no such figure.
+    """
+    return [figure(source, q, **options) for q in QUANTITIES if not needs or source.has(needs + q)]
 
 
 def mass_figures(run: PublishedRun, lines: Mapping[Quantity, tuple[float, float]]) -> list[Figure]:
@@ -144,11 +129,6 @@ def mass_figures(run: PublishedRun, lines: Mapping[Quantity, tuple[float, float]
 def comparison_figures(run: PublishedRun) -> list[Figure]:
     """How well each explanation predicts, a figure for each scheme of leaving out."""
     return [comparison_figure(run.comparison, name) for name in run.comparison["scheme"].unique()]
-
-
-def kept(run: PublishedRun) -> str:
-    """How much of a published deviation the model keeps on average, of K and of C."""
-    return listed([f"{percent(published_figures.kept_share(run, q))} for {q}" for q in QUANTITIES])
 
 
 def _further_codes(run: PublishedRun) -> list[Code]:

@@ -71,22 +71,13 @@ def estimates_table(run: PublishedRun) -> Table:
 def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float]]) -> Table:
     """The thesis's regression lines over mass beside those through the posterior means."""
     rows = []
-    for quantity in QUANTITIES:
-        line = printed[quantity]
-        for index, (name, per) in enumerate((("intercept", ""), ("slope", " per kg"))):
-            variable = f"linear_{name}_{quantity}"
-            if not run.has(variable):
-                continue
-            coefficient = spread(run.draws(variable))
-            rows.append(
-                (
-                    f"{name} of {quantity} ({UNITS[quantity]}{per})",
-                    f"{line[index]:g}".replace("-", "−"),
-                    coefficient.value,
-                    coefficient.range,
-                    "yes" if coefficient.holds(line[index]) else "no",
-                )
-            )
+    for quantity, line in printed.items():
+        for name, per, value in zip(("intercept", "slope"), ("", " per kg"), line, strict=True):
+            if run.has(variable := f"linear_{name}_{quantity}"):
+                drawn = spread(run.draws(variable))
+                title, inside = f"{name} of {quantity} ({UNITS[quantity]}{per})", drawn.holds(value)
+                thesis, answer = f"{value:g}".replace("-", "−"), "yes" if inside else "no"
+                rows.append((title, thesis, drawn.value, drawn.range, answer))
     titles = ("straight line over mass", "thesis", "posterior", "90 %", "thesis inside")
     return table_of_cells(rows, *titles, number=titles[1:4])
 
@@ -97,12 +88,13 @@ _AGREES = {"true": ("yes", "agrees"), "false": ("no", "differs"), "": ("note-lev
 def agreement(run: PublishedRun) -> dict[str, int]:
     """How many published numbers were recomputed, agree, differ, fill a lost cell, and can't be derived."""
     answer = run.reproduction["agrees"].str.lower()
-    counts = {name: int((answer == key).sum()) for key, name in (("true", "agree"), ("false", "differ"))}
+    agree, differ = (int((answer == word).sum()) for word in ("true", "false"))
     derived = int((run.reproduction["reproduced"] != "").sum())
     return {
-        **counts,
+        "agree": agree,
+        "differ": differ,
         "derived": derived,
-        "filled_in": derived - sum(counts.values()),
+        "filled_in": derived - agree - differ,
         "not_derived": len(run.reproduction) - derived,
         "all": len(run.reproduction),
     }
