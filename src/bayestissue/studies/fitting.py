@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from bayestissue.base import resources, runtime
 from bayestissue.base.errors import Coded, InputError, Problem, refuse
@@ -296,8 +297,10 @@ def require_answerable(prepared: Prepared, specification: ModelSpecification, so
     if not specification.questions:
         return
     from bayestissue.inference.answers.questions import of_model, require_readable
+    from bayestissue.inference.answers.study import Study
 
-    require_readable(of_model(specification.questions, source), prepared.design.recorded)
+    before = Study(xr.Dataset(), prepared.design.recorded)
+    require_readable(of_model(specification.questions, source), before)
 
 
 class EarlierRun(NamedTuple):

@@ -94,11 +94,11 @@ def test_a_question_of_categories_is_of_their_levels() -> None:
     values = {f"effect_of_C(phase)[{level}]_K": 0.1 * level for level in (2, 3, 4)}
     draws, of = normal_draws(7, 0.0, {"intercept_K": 7.0, **values}), recorded("C(phase)", PHASES)
     node = parse("mean(K[phase]) / K[phase=3] - K / K[phase=1]")
-    assert not list(mistakes(node, of, draws))
+    assert not list(mistakes(node, Study(draws, of)))
     # K alone is that of the four phases, averaged on the log scale.
     each = np.exp(np.array([0.0, 0.2, 0.3, 0.4]) - 0.3).mean()
     assert_allclose(draws_at(node, Study(draws, of)), each - np.exp(0.9 / 4))
-    assert "a level of phase: 1, 2, 3, 4" in str(*mistakes(parse("K[phase=2.5]"), of, draws))
+    assert "a level of phase: 1, 2, 3, 4" in str(*mistakes(parse("K[phase=2.5]"), Study(draws, of)))
 
 
 GROUP_OF = {f"s{person}": "treated" if person % 2 else "control" for person in range(4)}

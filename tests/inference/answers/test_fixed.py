@@ -6,11 +6,13 @@ from itertools import product
 
 import pandas as pd
 import pytest
+import xarray as xr
 
 from bayestissue.base.errors import InputError
 from bayestissue.inference.answers.fixed import confounded
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.questions import numbered, require_readable
+from bayestissue.inference.answers.study import Study
 from bayestissue.model.hierarchy.recorded import Recorded
 from cases import cases
 
@@ -31,7 +33,7 @@ SIDES, SESSIONS = ("side=left", "side=right"), ("session=after", "session=before
 def refusal(question: str, formula: str, C: str = "1") -> str:
     recorded = Recorded(ROWS, {"K": formula, "C": C}, 0.7)
     try:
-        require_readable(numbered([question]), recorded)
+        require_readable(numbered([question]), Study(xr.Dataset(), recorded))
     except InputError as error:
         return str(error)
     return ""

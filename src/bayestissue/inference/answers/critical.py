@@ -19,9 +19,8 @@ from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, fall_height
 from bayestissue.inference.answers.study import Study
 
-# The columns of the motion that a claim may be followed along, with their units.
-ALONG = {DROP_HEIGHT: "cm", "velocity_m_s": "m/s"}
-
+# The columns of the motion that a claim may be followed along.
+ALONG = (DROP_HEIGHT, "velocity_m_s")
 
 # The value of a side of a claim, [chain, draw].
 Value = Callable[[Node, Study], xr.DataArray]

@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
+from scipy.linalg import null_space
 
 from bayestissue.base.declarations import general
 from bayestissue.inference.answers.grammar import (
@@ -23,9 +24,6 @@ from bayestissue.inference.answers.grammar import (
     Operation,
     Quantity,
     QuestionError,
-    claims,
-    nodes,
-    quantities,
 )
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import Law, Values
@@ -70,27 +68,26 @@ class _AnyLaw(Law):
         return dict.fromkeys(names, value)
 
 
-def fixed_parts(node: Node, recorded: Recorded, posterior: xr.Dataset | None) -> Iterator[QuestionError]:
+def fixed_parts(node: Node, study: Study) -> Iterator[QuestionError]:
     """The comparisons of a question, or the expression that it is, that no parameter moves.
 
     Args:
         node: a question without mistakes.
-        recorded: of the run.
-        posterior: its draws; None before they are made, when only responses can be judged.
+        study: of which; before it has draws only responses can be judged.
     """
     node = _without_search(node)
     compared = list(_comparisons(node))
     if isinstance(node, Choice) and compared:
-        levels = tuple(alternatives(node, recorded, posterior).values())
+        levels = tuple(alternatives(node, study).values())
         ends = (Operation(end, levels, node.position, node.depth + 1) for end in ("max", "min"))
         compared = [tuple(ends)]
     for sides in compared:
-        value = _value_if_fixed(sides, recorded, posterior)
+        value = _value_if_fixed(sides, study)
         if value is None:
             continue
-        position = min(quantity.position for side in sides for quantity in quantities(side))
+        position = min(quantity.position for quantity in _quantities(sides))
         actual = f"{general(value)}, whatever K and C are"
-        missing = _missing_terms(sides, recorded)
+        missing = _missing_terms(sides, study.recorded)
         if not missing:
             yield QuestionError(position, actual, "a quantity that data can change")
             continue
@@ -121,19 +118,13 @@ def confounded(node: Node, recorded: Recorded) -> tuple[GroupTerm, ...]:
                 continue
             grouping = grouping_of(recorded.rows, term.factors)
             Z = (grouping.code[:, None] == np.arange(len(grouping.levels))) * x[:, None]
-            for direction in _null_space(np.unique(np.hstack([X, Z]), axis=0)):
+            for direction in null_space(np.unique(np.hstack([X, Z]), axis=0), rcond=PRECISION).T:
                 shift = dict(zip(names, direction, strict=False))
                 moved = _moved(draws, q, shift, groups, {term: direction[len(names) :]})
                 if _changes(node, draws, moved, recorded):
                     terms.append(term)
                     break
     return tuple(dict.fromkeys(terms))
-
-
-def _null_space(matrix: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "direction column"]:
-    _, values, directions = np.linalg.svd(matrix)
-    rank = int((values > PRECISION * values.max()).sum())
-    return directions[rank:]
 
 
 def _moved(
@@ -154,13 +145,9 @@ def _moved(
 
 def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorded) -> bool:
     """Whether what a question compares is another in ``moved``, as a difference and as a ratio."""
-    law = _AnyLaw(of=tuple(recorded.formulas))
     for sides in _comparisons(node):
         try:
-            before, after = (
-                [draws_of(side, Study(parameters, recorded, law)).to_numpy() for side in sides]
-                for parameters in (draws, moved)
-            )
+            before, after = (_values(sides, parameters, recorded) for parameters in (draws, moved))
         except (KeyError, QuestionError):  # of what is no parameter, such as coefficients of reliability
             continue
         if len(sides) == 1 or not (before[1].all() and after[1].all()):
@@ -175,46 +162,41 @@ def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorde
 
 def _without_search(node: Node) -> Node:
     """With the difference of a claim's sides in place of where it ends to hold: one moves as the other."""
-    if not isinstance(node, Operation):
-        return node
     if isinstance(node, Critical):
-        node = replace(node.claim, symbol="-")
-    return replace(node, operands=tuple(map(_without_search, node.operands)))
+        (claim,) = node.operands
+        node = Operation("-", claim.operands, claim.position, claim.depth)
+    return node.changed(_without_search)
 
 
 def _comparisons(node: Node) -> Iterator[tuple[Node, ...]]:
     """The two sides of each comparison that names a quantity; an expression alone."""
-    sides: list[tuple[Node, ...]]
-    if not claims(node):
-        sides = [(node,)]
-    elif node.symbol in ("and", "or", "not"):  # type: ignore[union-attr]
-        for operand in node.operands:  # type: ignore[union-attr]
+    if node.symbol in ("and", "or", "not"):
+        for operand in node.operands:
             yield from _comparisons(operand)
         return
-    else:
-        first, *others = node.operands  # type: ignore[union-attr]
-        sides = [(first, second) for second in others]
-    for pair in sides:
-        parts = [part for side in pair for part in nodes(side)]
+    first, *others = node.operands if node.claims else (node,)
+    for sides in [(first, second) for second in others] or [(first,)]:
         # What is largest or least may be the same in draws that are near each other.
-        several = any(isinstance(part, Operation) and part.symbol in ("max", "min") for part in parts)
-        if not several and any(isinstance(part, Quantity) for part in parts):
-            yield pair
+        several = any(part.symbol in ("max", "min") for side in sides for part in side.parts())
+        if not several and _quantities(sides):
+            yield sides
 
 
-def _value_if_fixed(sides: Sequence[Node], recorded: Recorded, posterior: xr.Dataset | None) -> float | None:
+def _quantities(sides: Sequence[Node]) -> list[Quantity]:
+    return [quantity for side in sides for quantity in side.quantities()]
+
+
+def _value_if_fixed(sides: Sequence[Node], study: Study) -> float | None:
     """What is compared, if it is the same whatever the parameters are."""
-    named = [quantity for side in sides for quantity in quantities(side)]
+    recorded, named = study.recorded, _quantities(sides)
     if all(is_response(quantity, recorded) for quantity in named):
-        responses = [q for quantity in named for q in responses_of(quantity.name, recorded)]
-        draws = _any_parameters(recorded, list(dict.fromkeys(responses)))
-    elif posterior is not None and len(named) > 1:
-        draws = posterior
+        draws = _any_parameters(recorded, _responses(named, recorded))
+    elif study.draws and len(named) > 1:
+        draws = study.draws
     else:
         return None
-    law = _AnyLaw(of=tuple(recorded.formulas))
     try:
-        values = [draws_of(side, Study(draws, recorded, law)).to_numpy() for side in sides]
+        values = _values(sides, draws, recorded)
     except QuestionError:  # a number that is none in some draws
         return None
     left, right = values[0], values[1] if len(values) > 1 else np.zeros(1)
@@ -225,6 +207,16 @@ def _value_if_fixed(sides: Sequence[Node], recorded: Recorded, posterior: xr.Dat
         return float(ratio.mean())
     greatest = max(np.abs(left).max(), np.abs(right).max())
     return float(difference.mean()) if np.ptp(difference) <= SETTINGS.rounding * greatest else None
+
+
+def _values(sides: Sequence[Node], draws: xr.Dataset, recorded: Recorded) -> list[np.ndarray]:
+    study = Study(draws, recorded, _AnyLaw(of=tuple(recorded.formulas)))
+    return [draws_of(side, study).to_numpy() for side in sides]
+
+
+def _responses(named: Sequence[Quantity], recorded: Recorded) -> list[str]:
+    """The responses that these are made of, each once."""
+    return list(dict.fromkeys(q for quantity in named for q in responses_of(quantity.name, recorded)))
 
 
 def _any_parameters(recorded: Recorded, responses: Sequence[str], count: int = 5) -> xr.Dataset:
@@ -247,23 +239,19 @@ def _any_parameters(recorded: Recorded, responses: Sequence[str], count: int = 5
 
 def _missing_terms(sides: Sequence[Node], recorded: Recorded) -> dict[str, str]:
     """The terms of fewest columns that would move a comparison, and the response whose formula lacks each."""
-    named = [quantity for side in sides for quantity in quantities(side)]
+    named = _quantities(sides)
     columns = dict.fromkeys(level.column for quantity in named for level in quantity.levels)
     followers = (name for column in columns for name in recorded.followers(column))
     usable = [name for name in dict.fromkeys([*columns, *followers]) if name in recorded.rows]
     missing: dict[str, str] = {}
     for size in range(1, 1 + min(len(usable), 3)):
         for chosen in combinations(usable[: SETTINGS.columns_tried], size):
-            responses = [
-                q for one in named if is_response(one, recorded) for q in responses_of(one.name, recorded)
-            ]
-            for q in dict.fromkeys(responses):
-                term = _term(chosen, recorded)
+            term = _term(chosen, recorded)
+            for q in _responses([one for one in named if is_response(one, recorded)], recorded):
                 formula = f"{recorded.formulas[q]} + {term}"
-                wider = replace(recorded, formulas={**recorded.formulas, q: formula})
-                if not resolve(formula, recorded.rows, recorded.reference_mass_kg).faults and (
-                    _value_if_fixed(sides, wider, None) is None
-                ):
+                wider = Study(xr.Dataset(), replace(recorded, formulas={**recorded.formulas, q: formula}))
+                faults = resolve(formula, recorded.rows, recorded.reference_mass_kg).faults
+                if not faults and _value_if_fixed(sides, wider) is None:
                     missing.setdefault(term, q)
         if missing:
             return missing

@@ -21,11 +21,11 @@ deep; what a tree may be is limited besides. `bayestissue.inference.answers.mean
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from bayestissue.base.outline import short
 from bayestissue.model.hierarchy.formulas.group_terms import as_name
@@ -115,13 +115,43 @@ class QuestionError(ValueError):
         self.position, self.actual, self.expected, self.remedy = position, short(actual, 40), expected, remedy
 
 
+class Node:
+    """A part of a question; ``position`` counts the characters before it.
+
+    ``symbol`` is one of `CLAIMS`, `OF_ONE`, `OF_MANY` and + - * / ^, or empty of what has no ``operands``.
+    """
+
+    position: int
+    depth: int = 1
+    symbol: str = ""
+    operands: tuple[Node, ...] = ()
+
+    @property
+    def claims(self) -> bool:
+        """Whether it is true or false, and not a number."""
+        return self.symbol in CLAIMS
+
+    def parts(self) -> Iterator[Node]:
+        """Itself and all that it is made of, from left to right."""
+        yield self
+        for operand in self.operands:
+            yield from operand.parts()
+
+    def quantities(self) -> list[Quantity]:
+        """The quantities in it, from left to right."""
+        return [part for part in self.parts() if isinstance(part, Quantity)]
+
+    def changed(self, change: Callable[[Node], Node], **columns: str) -> Node:
+        """Itself with each of its operands changed, and with other columns."""
+        return self
+
+
 @dataclass(frozen=True)
-class Number:
-    """A finite number; ``position`` counts the characters before it, here and below."""
+class Number(Node):
+    """A finite number."""
 
     value: float
     position: int
-    depth: int = 1
 
 
 @dataclass(frozen=True)
@@ -143,13 +173,22 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Quantity(Node):
     """A name, and at which levels it is meant."""
 
     name: str
     levels: tuple[Level, ...]
     position: int
-    depth: int = 1
+
+    @property
+    def given(self) -> dict[str, str]:
+        """The level of each column that has one."""
+        return {level.column: level.value for level in self.levels if level.value is not None}
+
+    @property
+    def free(self) -> list[Level]:
+        """The columns of which it has all levels."""
+        return [level for level in self.levels if level.value is None]
 
     def wrong(self, expected: str, remedy: str = "") -> QuestionError:
         """What is expected in its place."""
@@ -157,21 +196,18 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Operation:
-    """A function or an operator; ``symbol`` is one of `CLAIMS`, `OF_ONE`, `OF_MANY` and + - * / ^.
+class Operation(Node):
+    """A function or an operator; comparisons in a row, such as 0.9 < x < 1.1, are joined by "and"."""
 
-    Comparisons in a row, such as 0.9 < x < 1.1, are joined by "and".
-    """
-
-    symbol: str
-    operands: tuple[Node, ...]
+    # Without the defaults of what has no operands.
+    symbol: str = field()
+    operands: tuple[Node, ...] = field()
     position: int
-    depth: int
+    depth: int = field()
 
-    @property
-    def claims(self) -> bool:
-        """Whether it is true or false."""
-        return self.symbol in CLAIMS
+    def changed(self, change: Callable[[Node], Node], **columns: str) -> Node:
+        """See `Node.changed`."""
+        return replace(self, operands=tuple(map(change, self.operands)), **columns)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -181,10 +217,10 @@ class Critical(Operation):
     column: str
 
     @property
-    def claim(self) -> Operation:
+    def claim(self) -> Node:
         """The one operand."""
         (claim,) = self.operands
-        return cast(Operation, claim)
+        return claim
 
 
 @dataclass(frozen=True)
@@ -193,9 +229,6 @@ class Choice(Operation):
 
     column: str
     lowest: bool
-
-
-Node = Number | Quantity | Operation
 
 
 def parse(text: str) -> Node:
@@ -222,23 +255,6 @@ def parse(text: str) -> Node:
         raise QuestionError(position, text[position], _listed(error.allowed)) from None
 
 
-def nodes(node: Node) -> Iterator[Node]:
-    """A node and all that it is made of, from left to right."""
-    yield node
-    for operand in node.operands if isinstance(node, Operation) else ():
-        yield from nodes(operand)
-
-
-def quantities(node: Node) -> Iterator[Quantity]:
-    """The quantities of a question, from left to right."""
-    return (one for one in nodes(node) if isinstance(one, Quantity))
-
-
-def claims(node: Node) -> bool:
-    """Whether a node is true or false, and not a number."""
-    return isinstance(node, Operation) and node.claims
-
-
 @cache
 def _parser() -> Lark:
     from lark import Lark
@@ -258,8 +274,8 @@ def _unquoted(token: Any) -> str:
 def _made(symbol: str, operands: list[Node], position: int, *, claim: bool) -> Operation:
     """An operation whose operands are all claims, or all numbers."""
     for operand in operands:
-        if claims(operand) != claim:
-            actual = "a comparison" if claims(operand) else "a number"
+        if operand.claims != claim:
+            actual = "a comparison" if operand.claims else "a number"
             expected = f"a {'comparison' if claim else 'number'} beside {symbol}"
             raise QuestionError(operand.position, actual, expected, "Parentheses say what belongs together.")
     depth = 1 + max(operand.depth for operand in operands)
@@ -329,10 +345,10 @@ class _Maker:
             expected = "a column of the motion and a claim, as critical(drop_height_cm, peak_force < 1500)"
             raise QuestionError(name.start_pos, str(name), expected)
         column, claim = arguments
-        if not isinstance(claim, Operation) or claim.symbol not in COMPARISONS:
+        if claim.symbol not in COMPARISONS:
             expected = f"one of {' '.join(COMPARISONS)} between two numbers"
             raise QuestionError(claim.position, "no single comparison", expected)
-        if any(isinstance(node, Critical) for node in nodes(claim)):
+        if any(isinstance(part, Critical) for part in claim.parts()):
             raise QuestionError(claim.position, f"{CRITICAL}() within {CRITICAL}()", "a claim without one")
         return Critical(CRITICAL, (claim,), column.position, claim.depth + 1, column.name)
 

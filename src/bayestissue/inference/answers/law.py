@@ -27,7 +27,13 @@ NO_LAW = Coded.stated("not-simulated.law")
 DROP_HEIGHT = "drop_height_cm"
 # Of an impact, beside the tissue that it meets.
 MET = ("mass_kg", "velocity_m_s", "diameter_m")
-MOTION = (*MET, DROP_HEIGHT)
+# What each is and its unit, and what may stand in place of a velocity.
+MOTION = {
+    "mass_kg": ("mass", "kg"),
+    "velocity_m_s": ("velocity", "m/s"),
+    "diameter_m": ("diameter", "m"),
+    DROP_HEIGHT: ("height", "cm"),
+}
 
 # Parameters of the element, and what of `MET` hits, in every draw and condition.
 Values = Mapping[str, Float[np.ndarray, "*draw condition"]]

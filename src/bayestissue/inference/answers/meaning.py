@@ -13,6 +13,7 @@ import difflib
 import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
 from typing import Any
@@ -32,9 +33,6 @@ from bayestissue.inference.answers.grammar import (
     Number,
     Quantity,
     QuestionError,
-    claims,
-    nodes,
-    quantities,
 )
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, beyond, unfit_height
@@ -46,12 +44,6 @@ from bayestissue.model.hierarchy.levels import NEW
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
 from bayestissue.recordings.dataset.cells import alike, in_whatever_case
 
-_ABOVE_ZERO = {
-    "mass_kg": "a mass above 0 kg",
-    "velocity_m_s": "a velocity above 0 m/s",
-    "diameter_m": "a diameter above 0 m",
-    DROP_HEIGHT: "a height above 0 cm",
-}
 _KEEP_UNIT = ("+", "-", "abs", *OF_MANY)
 
 
@@ -73,33 +65,29 @@ def _columns_of(name: str, recorded: Recorded) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*motion, *(column for columns in terms for column in columns)]))
 
 
-def open_columns(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) -> list[str]:
-    """The columns or dimensions of which it has all levels."""
-    if is_response(quantity, recorded) or posterior is None:
-        return [level.column for level in quantity.levels if level.value is None]
-    chosen = [level.column for level in quantity.levels if level.value is not None]
-    return [str(name) for name in posterior[quantity.name].dims if name not in (*DRAWN, *chosen)]
+def open_columns(quantity: Quantity, study: Study) -> list[str]:
+    """The columns or dimensions of which it has all levels; none of a variable before there are draws."""
+    if is_response(quantity, study.recorded):
+        return [level.column for level in quantity.free]
+    dims = study.draws[quantity.name].dims if study.draws else ()
+    return [str(name) for name in dims if name not in (*DRAWN, *quantity.given)]
 
 
 def condition_of(quantity: Quantity, recorded: Recorded) -> dict[str, str | float]:
     """What is given in the brackets of a response."""
-    return {
-        level.column: float(level.value) if _is_number(level.column, recorded) else level.value
-        for level in quantity.levels
-        if level.value is not None
-    }
+    given = quantity.given.items()
+    return {column: float(value) if takes_number(column, recorded) else value for column, value in given}
 
 
 def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
     """The condition of a response, or one for each level of its open column that was recorded so."""
     condition = condition_of(quantity, recorded)
-    free = [level.column for level in quantity.levels if level.value is None]
-    if not free:
+    if not quantity.free:
         return [condition]
     # What the response does not depend on chooses among what was recorded.
-    moved = _columns_of(quantity.name, recorded)
+    moved, column = _columns_of(quantity.name, recorded), quantity.free[0].column
     named = {k: v for k, v in condition.items() if v != NEW and (isinstance(v, str) or k not in moved)}
-    return [condition | {free[0]: level} for level in recorded.levels(free[0], named)]
+    return [condition | {column: level} for level in recorded.levels(column, named)]
 
 
 def beyond_notes(recorded: Recorded, condition: Condition) -> list[Coded]:
@@ -132,70 +120,64 @@ def unit_of(node: Node, posterior: xr.Dataset) -> str:
             unit = known[node.name].attrs["unit"] if node.name in known else "1"
         return "" if unit == "1" else str(unit)
     if isinstance(node, Critical):
-        return ALONG[node.column]
-    if isinstance(node, Number) or not (isinstance(node, Choice) or node.symbol in _KEEP_UNIT):
+        return MOTION[node.column][1]
+    if not (isinstance(node, Choice) or node.symbol in _KEEP_UNIT):
         return ""
     units = {unit_of(operand, posterior) for operand in node.operands}
     return units.pop() if len(units) == 1 else ""
 
 
-def mistakes(
-    node: Node, recorded: Recorded, posterior: xr.Dataset | None, *, within: bool = False
-) -> Iterator[QuestionError]:
+def mistakes(node: Node, study: Study, *, within: bool = False) -> Iterator[QuestionError]:
     """What can't be answered in a question, from left to right.
 
     Args:
         node: the question.
-        recorded: of the run.
-        posterior: its draws; None before they are made, when only responses can be judged.
+        study: of which; before it has draws only responses can be judged.
         within: whether a quantity may have a value for each level.
     """
-    if isinstance(node, Number):
-        return
     if isinstance(node, Quantity):
-        errors = list(_of_quantity(node, recorded, posterior))
+        errors = list(_of_quantity(node, study))
         yield from errors
-        if not errors and not within and (free := _open(node, recorded, posterior)):
+        if not errors and not within and (free := open_columns(node, study)):
             expected = f"one level of {free[0]}, or {node.name} within {'(), '.join(OF_MANY)}()"
             such = f"Such as {node.name}[{free[0]}=...] or mean({node.name}[{free[0]}])."
             yield QuestionError(node.position, f"{node.name} of every {free[0]}", expected, such)
-        return
-    if isinstance(node, Critical):
-        yield from _of_critical(node, recorded)
-    if isinstance(node, Choice):
-        yield from _of_choice(node, recorded, posterior)
-        return
-    many = node.symbol in OF_MANY
-    within = (within or many) and not isinstance(node, Critical)
-    for operand in node.operands:
-        yield from mistakes(operand, recorded, posterior, within=within)
-    if many and posterior is not None:
-        yield from _of_several(node.operands, recorded, posterior, node.position, node.symbol)
+    elif isinstance(node, Choice):
+        yield from _of_choice(node, study)
+    else:
+        if isinstance(node, Critical):
+            yield from _of_critical(node, study.recorded)
+        many = node.symbol in OF_MANY
+        within = (within or many) and not isinstance(node, Critical)
+        for operand in node.operands:
+            yield from mistakes(operand, study, within=within)
+        if many:
+            yield from _of_several(node.operands, study, node.position, node.symbol)
 
 
-def as_recorded(node: Node, recorded: Recorded, posterior: xr.Dataset | None) -> Node:
+def as_recorded(node: Node, study: Study) -> Node:
     """The question with its columns and levels as they were recorded, in whatever case it names them."""
-    if isinstance(node, Number):
-        return node
-    arrays = {} if posterior is None else posterior
-    dims = [] if posterior is None else map(str, posterior.dims)
-    columns = list(dict.fromkeys([*map(str, recorded.rows), *MOTION, *dims]))
-    if not isinstance(node, Quantity):
-        parts = tuple(as_recorded(operand, recorded, posterior) for operand in node.operands)
-        if isinstance(node, Choice | Critical):
-            return replace(node, operands=parts, column=in_whatever_case(node.column, columns))
-        return replace(node, operands=parts)
+    recorded, draws = study.recorded, study.draws
+    columns = list(dict.fromkeys([*map(str, recorded.rows), *MOTION, *map(str, draws.dims)]))
 
-    def named(level: Level) -> Level:
+    def named(level: Level, arrays: str) -> Level:
         column, labels = in_whatever_case(level.column, columns), []
         if column in recorded.named:
             labels = [*recorded.levels(column), NEW]
-        elif node.name in arrays and column in arrays[node.name].dims:
-            labels = arrays[node.name][column].astype(str).to_numpy().tolist()
+        elif arrays in draws and column in draws[arrays].dims:
+            labels = _labels(draws, column)
         value = None if level.value is None else alike(level.value, labels)
         return replace(level, column=column, value=value)
 
-    return replace(node, levels=tuple(map(named, node.levels)))
+    def changed(part: Node) -> Node:
+        if isinstance(part, Quantity):
+            return replace(part, levels=tuple(named(level, part.name) for level in part.levels))
+        of_column = isinstance(part, Choice | Critical)
+        return part.changed(
+            changed, **{"column": in_whatever_case(part.column, columns)} if of_column else {}
+        )
+
+    return changed(node)
 
 
 def at_level(node: Node, column: str, value: str | None, position: int) -> Node:
@@ -207,43 +189,44 @@ def at_level(node: Node, column: str, value: str | None, position: int) -> Node:
         value: the level; None for all of them.
         position: what messages point at.
     """
-    if isinstance(node, Quantity):
-        if any(level.column == column for level in node.levels):
-            return node
-        return replace(node, levels=(*node.levels, Level(column, value, position, position)))
-    if isinstance(node, Number):
+    if not isinstance(node, Quantity):
+        return node.changed(lambda part: at_level(part, column, value, position))
+    if any(level.column == column for level in node.levels):
         return node
-    return replace(node, operands=tuple(at_level(one, column, value, position) for one in node.operands))
+    return replace(node, levels=(*node.levels, Level(column, value, position, position)))
 
 
-def alternatives(node: Choice, recorded: Recorded, posterior: xr.Dataset | None) -> dict[str, Node]:
+def alternatives(node: Choice, study: Study) -> dict[str, Node]:
     """What a choice compares: each level of its column, and the operand there."""
     (operand,) = node.operands
-    first = next(quantities(at_level(operand, node.column, None, node.position)))
-    if is_response(first, recorded):
-        labels = [str(condition[node.column]) for condition in conditions_of(first, recorded)]
+    first = at_level(operand, node.column, None, node.position).quantities()[0]
+    if is_response(first, study.recorded):
+        labels = [str(condition[node.column]) for condition in conditions_of(first, study.recorded)]
     else:
-        labels = [] if posterior is None else posterior[node.column].astype(str).to_numpy().tolist()
+        labels = _labels(study.draws, node.column) if study.draws else []
     return {label: at_level(operand, node.column, label, node.position) for label in labels}
 
 
-def _of_choice(node: Choice, recorded: Recorded, posterior: xr.Dataset | None) -> Iterator[QuestionError]:
+def _labels(draws: xr.Dataset, dimension: str) -> list[str]:
+    return draws[dimension].astype(str).to_numpy().tolist()  # type: ignore[no-any-return]
+
+
+def _of_choice(node: Choice, study: Study) -> Iterator[QuestionError]:
     """What can't be answered in a choice: as of all its levels, of which there must be two."""
     (operand,) = node.operands
-    if not any(True for _ in quantities(operand)):
+    if not operand.quantities():
         yield QuestionError(operand.position, "a number", "a quantity that levels may differ in")
         return
     of_all = at_level(operand, node.column, None, node.position)
-    if all(quantity in set(quantities(of_all)) for quantity in quantities(operand)):
+    if set(operand.quantities()) <= set(of_all.quantities()):
         yield QuestionError(
             operand.position, "one number for all", f"a quantity of which levels of {node.column} may differ"
         )
         return
-    errors = list(mistakes(of_all, recorded, posterior, within=True))
-    if not errors and posterior is not None:
-        errors = list(_of_several([of_all], recorded, posterior, node.position, "best"))
+    errors = list(mistakes(of_all, study, within=True))
+    errors = errors or list(_of_several([of_all], study, node.position, "best"))
     yield from errors
-    if not errors and len(alternatives(node, recorded, posterior)) == 1:
+    if not errors and len(alternatives(node, study)) == 1:
         yield QuestionError(node.position, f"one level of {node.column}", "a column of two levels at least")
 
 
@@ -253,10 +236,10 @@ def _of_critical(node: Critical, recorded: Recorded) -> Iterator[QuestionError]:
         wanted, near = f"one of {', '.join(ALONG)}", _near(node.column, [*ALONG])
         yield QuestionError(node.position, node.column, wanted, near)
         return
-    named = [one for one in quantities(node) if one.name in OUTCOMES and is_response(one, recorded)]
+    named = outcomes_in(node, recorded)
     if not named:
         expected = "a claim about an outcome, such as peak_force < 1500"
-        yield QuestionError(node.operands[0].position, "no outcome at stated levels", expected)
+        yield QuestionError(node.claim.position, "no outcome at stated levels", expected)
     for quantity in named:
         for level in quantity.levels:
             if level.column in ALONG:
@@ -268,120 +251,107 @@ def _of_critical(node: Critical, recorded: Recorded) -> Iterator[QuestionError]:
 
 def searched(node: Node) -> set[Quantity]:
     """The quantities of a question whose motion is what is asked."""
-    searches = (one for one in nodes(node) if isinstance(one, Critical))
-    return {quantity for search in searches for quantity in quantities(search)}
+    return {one for part in node.parts() if isinstance(part, Critical) for one in part.quantities()}
 
 
-def _open(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) -> list[str]:
-    if posterior is None and not is_response(quantity, recorded):
-        return []
-    return open_columns(quantity, recorded, posterior)
+def outcomes_in(node: Node, recorded: Recorded) -> list[Quantity]:
+    """The outcomes at given levels that a question names."""
+    return [one for one in node.quantities() if one.name in OUTCOMES and is_response(one, recorded)]
 
 
 def _of_several(
-    operands: Sequence[Node], recorded: Recorded, posterior: xr.Dataset, position: int, symbol: str
+    operands: Sequence[Node], study: Study, position: int, symbol: str
 ) -> Iterator[QuestionError]:
-    """What is averaged together must be of the same levels."""
+    """What is averaged together must be of the same levels, which show once there are draws."""
     kinds = set()
-    for quantity in (quantity for operand in operands for quantity in quantities(operand)):
-        if any(mistakes(quantity, recorded, posterior, within=True)):
+    for quantity in (one for operand in operands for one in operand.quantities() if study.draws):
+        if any(mistakes(quantity, study, within=True)):
             return
-        free = open_columns(quantity, recorded, posterior)
-        if free and is_response(quantity, recorded):
-            kinds.add((free[0], tuple(str(c[free[0]]) for c in conditions_of(quantity, recorded))))
-        elif free:
-            kinds |= {(name, tuple(posterior[name].astype(str).to_numpy())) for name in free}
+        response = is_response(quantity, study.recorded)
+        conditions = conditions_of(quantity, study.recorded) if response else []
+        kinds |= {
+            (name, tuple(str(c[name]) for c in conditions) if response else tuple(_labels(study.draws, name)))
+            for name in open_columns(quantity, study)
+        }
     if len(kinds) > 1:
         actual = " and ".join(sorted(f"{len(levels)} of {name}" for name, levels in kinds))
         yield QuestionError(position, actual, f"the same levels throughout {symbol}()")
 
 
-def _of_quantity(
-    quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None
-) -> Iterator[QuestionError]:
+def _of_quantity(quantity: Quantity, study: Study) -> Iterator[QuestionError]:
+    recorded, draws = study.recorded, study.draws
     if is_response(quantity, recorded):
         yield from _of_response(quantity, recorded)
-        return
-    if posterior is None:
-        return
-    if quantity.name not in posterior:
-        names = list(dict.fromkeys([*recorded.formulas, *OUTCOMES, *map(str, posterior.data_vars)]))
+    elif draws and quantity.name not in draws:
+        names = list(dict.fromkeys([*recorded.formulas, *OUTCOMES, *map(str, draws.data_vars)]))
         yield quantity.wrong("a quantity of this run", _near(quantity.name, names))
-        return
-    array = posterior[quantity.name]
-    if "kept_draw" in array.dims:
+    elif draws and "kept_draw" in draws[quantity.name].dims:
         expected = "a quantity whose draws were all kept; of so many impacts single ones were kept in part"
         yield quantity.wrong(expected)
-        return
-    dims = [str(name) for name in array.dims if name not in DRAWN]
-    for level in quantity.levels:
-        if level.column not in dims:
-            what = (
-                f"of {quantity.name}: {', '.join(dims)}"
-                if dims
-                else f"no brackets: {quantity.name} is one number"
-            )
-            yield level.wrong(what, _near(level.column, dims))
-        elif level.value is not None:
-            labels = [str(label) for label in array[level.column].to_numpy()]
-            if level.value not in labels:
+    elif draws:
+        dims = [str(name) for name in draws[quantity.name].dims if name not in DRAWN]
+        of_it = f"of {quantity.name}: {', '.join(dims)}" if dims else ""
+        for level in quantity.levels:
+            if level.column not in dims:
+                what = of_it or f"no brackets: {quantity.name} is one number"
+                yield level.wrong(what, _near(level.column, dims))
+            elif level.value not in (None, *(labels := _labels(draws, level.column))):
                 yield _strange(level, labels)
 
 
 def _of_response(quantity: Quantity, recorded: Recorded) -> list[QuestionError]:
     errors = list(_of_levels(quantity, recorded))
-    free = [level for level in quantity.levels if level.value is None]
-    if not errors and free and not conditions_of(quantity, recorded):
-        expected = f"a {free[0].column} that was recorded with the rest of these brackets"
-        errors.append(free[0].wrong(expected))
+    if not errors and quantity.free and not conditions_of(quantity, recorded):
+        (level,) = quantity.free
+        errors = [level.wrong(f"a {level.column} that was recorded with the rest of these brackets")]
     return errors
 
 
 def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError]:
-    needed = _columns_of(quantity.name, recorded)
-    free = [level for level in quantity.levels if level.value is None]
-    for level in free[1:]:
+    needed, of_outcome = set(_columns_of(quantity.name, recorded)), quantity.name in OUTCOMES
+    for level in quantity.free[1:]:
         yield level.wrong("one column without a level at most")
     velocities = [level for level in quantity.levels if level.column in ("velocity_m_s", DROP_HEIGHT)]
-    if quantity.name in OUTCOMES and len(velocities) > 1 and DROP_HEIGHT not in recorded.needed:
+    if of_outcome and len(velocities) > 1 and DROP_HEIGHT not in recorded.needed:
         first, second, *_ = velocities
         yield second.wrong(f"{first.column} alone")
+
+    def moves(column: str) -> bool:
+        return not needed.isdisjoint({column, *recorded.followers(column)})
+
     for level in quantity.levels:
-        moves = {level.column, *recorded.followers(level.column)} & set(needed)
-        known = level.column in recorded.rows or (level.column in MOTION and quantity.name in OUTCOMES)
-        if not known or not (moves or free):
-            usable = [str(c) for c in recorded.rows if {str(c), *recorded.followers(str(c))} & set(needed)]
+        column, value = level.column, level.value
+        known = column in recorded.rows or (column in MOTION and of_outcome)
+        if not known or not (quantity.free or moves(column)):
+            usable = list(filter(moves, map(str, recorded.rows)))
             which = first_of(usable, SETTINGS.listed) or "none"
+            formula = recorded.formulas[responses_of(quantity.name, recorded)[0]]
             expected = f"a column that {quantity.name} depends on here: {which}"
-            formulas = [recorded.formulas[q] for q in responses_of(quantity.name, recorded)]
-            remedy = f'The formula is "{formulas[0]}". {_near(level.column, usable)}'
-            yield level.wrong(expected, remedy)
-        elif level.value is None:
-            if level.column not in recorded.named:
-                yield level.wrong(f"{level.column}=number, since it has no levels")
-        elif _is_number(level.column, recorded):
-            yield from _of_number(level)
+            yield level.wrong(expected, f'The formula is "{formula}". {_near(column, usable)}')
+        elif value is None:
+            if column not in recorded.named:
+                yield level.wrong(f"{column}=number, since it has no levels")
+        elif takes_number(column, recorded):
+            if not math.isfinite(number := as_number(value)):
+                yield level.wrong_value(f"a number after {column}=")
+            elif column in MOTION and number <= 0:
+                yield level.wrong_value("a {} above 0 {}".format(*MOTION[column]))
         else:
-            levels = recorded.levels(level.column)
-            drawn = [NEW] if recorded.may_be_new(level.column) else []
-            if level.value not in (*levels, *drawn):
-                yield _strange(level, [*levels, *drawn])
+            levels = [*recorded.levels(column), *([NEW] if recorded.may_be_new(column) else [])]
+            if value not in levels:
+                yield _strange(level, levels)
 
 
-def _of_number(level: Level) -> Iterator[QuestionError]:
-    try:
-        value = float(str(level.value))
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        yield level.wrong_value(f"a number after {level.column}=")
-    elif level.column in _ABOVE_ZERO and value <= 0:
-        yield level.wrong_value(_ABOVE_ZERO[level.column])
-
-
-def _is_number(column: str, recorded: Recorded) -> bool:
+def takes_number(column: str, recorded: Recorded) -> bool:
     """Whether a value of this column is a number: a group's levels are names, also where they are numbers."""
     return column not in recorded.named and (column in recorded.rows or column in MOTION)
+
+
+def as_number(text: str) -> float:
+    """The number that a text is; NaN where it is none."""
+    with suppress(ValueError):
+        return float(text)
+    return math.nan
 
 
 def _strange(level: Level, levels: Sequence[str]) -> QuestionError:
@@ -433,7 +403,7 @@ def draws_of(node: Node, study: Study) -> xr.DataArray:
         KeyError: its draws lack a variable.
         QuestionError: a number is none in some draws, as the log of a negative one.
     """
-    node = as_recorded(node, study.recorded, study.draws)
+    node = as_recorded(node, study)
     with np.errstate(all="ignore"):
         return _in_each(node, study)
 
@@ -442,7 +412,7 @@ def _in_each(node: Node, study: Study) -> xr.DataArray:
     """The value in each draw, also where it is the same in all."""
     value = _value(node, study)
     blank = xr.zeros_like(study.draws[DRAWN[0]] * study.draws[DRAWN[1]])
-    return (value | blank.astype(bool)) if claims(node) else value + blank
+    return (value | blank.astype(bool)) if node.claims else value + blank
 
 
 def _value(node: Node, study: Study) -> xr.DataArray:
@@ -463,9 +433,8 @@ def _value(node: Node, study: Study) -> xr.DataArray:
 
 
 def _critical_draws(node: Critical, study: Study) -> xr.DataArray:
-    outcome = next(quantity for quantity in quantities(node) if quantity.name in OUTCOMES)
     if not study.law.anywhere:
-        raise outcome.wrong("a run with a law of force", str(NO_LAW))
+        raise outcomes_in(node, study.recorded)[0].wrong("a run with a law of force", str(NO_LAW))
     if node.column == DROP_HEIGHT and not study.law.gravity:
         expected = "velocity_m_s, since this dataset states no gravity along the motion"
         raise QuestionError(node.position, DROP_HEIGHT, expected)
@@ -475,30 +444,24 @@ def _critical_draws(node: Critical, study: Study) -> xr.DataArray:
 
 def _over_levels(symbol: str, values: list[xr.DataArray]) -> xr.DataArray:
     """The greatest, least or mean of all values, and of all levels within each."""
-    if symbol != "mean":
-        reduced = [getattr(array, symbol)([d for d in array.dims if d not in DRAWN]) for array in values]
-        return reduce(_REDUCED[symbol], reduced)
-    reduced = [array.mean([d for d in array.dims if d not in DRAWN]) for array in values]
-    return reduce(_REDUCED[symbol], reduced) / len(reduced)
+    reduced = [getattr(array, symbol)([d for d in array.dims if d not in DRAWN]) for array in values]
+    total = reduce(_REDUCED[symbol], reduced)
+    return total / len(reduced) if symbol == "mean" else total
 
 
 def _quantity_draws(quantity: Quantity, study: Study) -> xr.DataArray:
-    if is_response(quantity, study.recorded):
-        conditions = conditions_of(quantity, study.recorded)
-        if quantity.name in OUTCOMES:
-            require_motions(quantity, study, conditions)
-        values = study.at([quantity.name], conditions)[quantity.name]
-        free = open_columns(quantity, study.recorded, study.draws)
-        if not free:
-            return values.isel(condition=0)
-        labels = [str(condition[free[0]]) for condition in conditions]
-        return values.rename(condition=free[0]).assign_coords({free[0]: labels})
-    array = study.draws[quantity.name]
-    for level in quantity.levels:
-        if level.value is not None:
-            labels = array[level.column].astype(str).to_numpy().tolist()
-            array = array.isel({level.column: labels.index(level.value)})
-    return array.reset_coords(drop=True)
+    if not is_response(quantity, study.recorded):
+        array = study.draws[quantity.name]
+        labels = {column: array[column].astype(str) for column in quantity.given}
+        return array.assign_coords(labels).sel(quantity.given).reset_coords(drop=True)
+    conditions = conditions_of(quantity, study.recorded)
+    if quantity.name in OUTCOMES:
+        require_motions(quantity, study, conditions)
+    values = study.at([quantity.name], conditions)[quantity.name]
+    if not quantity.free:
+        return values.isel(condition=0)
+    column = quantity.free[0].column
+    return values.rename(condition=column).assign_coords({column: [str(c[column]) for c in conditions]})
 
 
 def require_motions(quantity: Quantity, study: Study, conditions: Sequence[Condition]) -> None:

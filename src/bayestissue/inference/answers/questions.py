@@ -27,21 +27,17 @@ import xarray as xr
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.base.results.tables import table_of_rows
-from bayestissue.inference.answers.critical import ALONG
 from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import (
     ALLOWED,
     Choice,
     Critical,
     Node,
-    Quantity,
     QuestionError,
-    claims,
     parse,
-    quantities,
 )
 from bayestissue.inference.answers.integration import SETTINGS
-from bayestissue.inference.answers.law import DROP_HEIGHT, fall_height, moving
+from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, fall_height, moving
 from bayestissue.inference.answers.meaning import (
     alternatives,
     as_recorded,
@@ -53,6 +49,7 @@ from bayestissue.inference.answers.meaning import (
     draws_of,
     is_response,
     mistakes,
+    outcomes_in,
     require_motions,
     responses_of,
     searched,
@@ -64,8 +61,7 @@ from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
-from bayestissue.model.hierarchy.recorded import Recorded
+from bayestissue.mechanics.elements.outcomes import OUTCOMES
 
 FEWEST = 10
 
@@ -129,30 +125,22 @@ def require_parsed(questions: Sequence[Question]) -> None:
     all_of(_parsed, questions)
 
 
-def require_readable(
-    questions: Sequence[Question], recorded: Recorded, posterior: xr.Dataset | None = None
-) -> None:
-    """Raise an `InputError` of all that is wrong with questions, as far as it shows without ``posterior``."""
-    all_of(lambda question: _read(question, recorded, posterior), questions)
+def require_readable(questions: Sequence[Question], study: Study) -> None:
+    """Raise an `InputError` of all that is wrong with questions, as far as it shows: see `mistakes`."""
+    all_of(lambda question: _read(question, study), questions)
 
 
 def require_outcomes(questions: Sequence[Question], study: Study) -> None:
     """Raise an `InputError` of the outcomes in readable questions that this study does not have."""
-    recorded = study.recorded
 
     def all_motions(question: Question) -> None:
         try:
-            for quantity in outcomes_in(as_recorded(_parsed(question), recorded, None), recorded):
-                require_motions(quantity, study, conditions_of(quantity, recorded))
+            for quantity in outcomes_in(as_recorded(_parsed(question), study), study.recorded):
+                require_motions(quantity, study, conditions_of(quantity, study.recorded))
         except QuestionError as slip:
             raise InputError(_problem(slip, question)) from None
 
     all_of(all_motions, questions)
-
-
-def outcomes_in(node: Node, recorded: Recorded) -> list[Quantity]:
-    """The outcomes at given levels that a question names."""
-    return [one for one in quantities(node) if one.name in HEADFORM_OUTCOMES and is_response(one, recorded)]
 
 
 def _parsed(question: Question) -> Node:
@@ -162,9 +150,9 @@ def _parsed(question: Question) -> Node:
         raise InputError(problem_of(slip, question)) from None
 
 
-def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) -> Node:
-    node = as_recorded(_parsed(question), recorded, posterior)
-    errors = list(mistakes(node, recorded, posterior)) or list(fixed_parts(node, recorded, posterior))
+def _read(question: Question, study: Study) -> Node:
+    node = as_recorded(_parsed(question), study)
+    errors = list(mistakes(node, study)) or list(fixed_parts(node, study))
     # A level that stands once may be part of several quantities.
     slips = {(slip.position, slip.actual, slip.expected): slip for slip in errors}
     if slips:
@@ -195,7 +183,7 @@ def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Pr
 
 def _answer(study: Study, question: Question) -> list[dict[str, Any]]:
     """The row of a question, or one for each level of a choice."""
-    node = _read(question, study.recorded, study.draws)
+    node = _read(question, study)
     labels = {"question": question.text, "name": question.name, "level": ""}
     try:
         if isinstance(node, Choice):
@@ -203,12 +191,10 @@ def _answer(study: Study, question: Question) -> list[dict[str, Any]]:
         else:
             posterior = draws_of(node, study)
             prior, note = _prior(study, node)
-            rows = [
-                _claim(posterior, prior, note) if claims(node) else _number(study, node, posterior, prior)
-            ]
+            rows = [_claim(posterior, prior, note) if node.claims else _number(study, node, posterior, prior)]
     except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
-    alone = study.element_alone and any(of_element_alone(q.name) for q in quantities(node))
+    alone = study.element_alone and any(of_element_alone(q.name) for q in node.quantities())
     known = [*_of_levels(study, node), *[ELEMENT_ALONE] * alone]
     return [labels | row | {"note": "; ".join(filter(None, [row["note"], *known]))} for row in rows]
 
@@ -233,8 +219,8 @@ def _number(study: Study, node: Node, posterior: xr.DataArray, prior: xr.DataArr
 
 def _choice(study: Study, node: Choice) -> list[dict[str, Any]]:
     """A row for each level: its value, the probability that it is the best, its rank, and what it loses."""
-    recorded, unit = study.recorded, unit_of(node, study.draws)
-    levels, unlawful = _with_a_law(study, alternatives(node, recorded, study.draws))
+    unit = unit_of(node, study.draws)
+    levels, unlawful = _with_a_law(study, alternatives(node, study))
 
     def values_in(which: Study) -> xr.DataArray:
         values = [draws_of(one, which) for one in levels.values()]
@@ -290,7 +276,7 @@ def _of_levels(study: Study, node: Node) -> list[Coded]:
     recorded, notes = study.recorded, []
     if isinstance(node, Choice):
         node = at_level(node, node.column, None, node.position)
-    responses = [response for response in quantities(node) if is_response(response, recorded)]
+    responses = [response for response in node.quantities() if is_response(response, recorded)]
     for response in responses:
         notes += beyond_notes(recorded, moving(condition_of(response, recorded), study.law.gravity))
     for response in responses:
@@ -323,7 +309,7 @@ def _before(
         return draws_in(replace(study, draws=study.prior)), ""
     except KeyError:
         known = {str(name) for name in study.prior.data_vars}
-        lacking = [q.name for q in quantities(node) if q.name not in (*known, *study.recorded.formulas)]
+        lacking = [q.name for q in node.quantities() if q.name not in (*known, *study.recorded.formulas)]
         which = ", ".join(dict.fromkeys(lacking)) or "it"
         return None, Coded.stated("no-prior.draws", which=which)
     except QuestionError as slip:
@@ -342,7 +328,7 @@ def _beyond_fastest(study: Study, node: Critical, posterior: xr.DataArray) -> st
     fastest = float(study.recorded.rows.get("velocity_m_s", pd.Series(dtype=float)).max())
     measured = fall_height(fastest) if node.column == DROP_HEIGHT else fastest
     share = float((posterior > measured).mean())
-    limit = f"{general(float(measured))} {ALONG[node.column]}"
+    limit = f"{general(float(measured))} {MOTION[node.column][1]}"
     return Coded.stated("beyond-measured.draws", percent=100 * share, limit=limit) if share else ""
 
 

@@ -46,7 +46,7 @@ class Study:
     """Draws of a fit, what was measured, and what impacts follow.
 
     Attributes:
-        draws: of the posterior, or of the prior, [chain, draw, ...].
+        draws: of the posterior, or of the prior, [chain, draw, ...]; empty before there are any.
         recorded: what was measured.
         law: what impacts follow.
         prior: draws of the same quantities from the priors alone; None where there are none.

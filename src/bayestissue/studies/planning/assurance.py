@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 
 from bayestissue.base.result import Say, silent
 from bayestissue.base.runtime import in_threads
-from bayestissue.inference.answers.grammar import Node, parse, quantities
+from bayestissue.inference.answers.grammar import Node, parse
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.reliability import coefficients, variances
@@ -279,7 +279,7 @@ class _Answers:
     ) -> xr.Dataset:
         """What the questions are of, from draws of the hyperparameters and effects."""
         draws = self.arrangement.model.draws(self.arrangement.design, values, b)
-        names = {quantity.name for goal in self.goals for quantity in quantities(goal.node)}
+        names = {quantity.name for goal in self.goals for quantity in goal.node.quantities()}
         lacking = names - {*map(str, draws.data_vars), *RESPONSES, *OUTCOMES}
         return draws.merge(self._reliability(draws, lacking)) if lacking else draws
 
@@ -292,7 +292,7 @@ class _Answers:
 
     def values(self, node: Node, draws: xr.Dataset) -> Float[np.ndarray, "study draw"]:
         """The values of a question in each draw, 1 or 0 of a claim."""
-        over_levels = any(level.value is None for quantity in quantities(node) for level in quantity.levels)
+        over_levels = any(quantity.free for quantity in node.quantities())
         recorded = self._recorded if over_levels else self.arrangement.design.recorded
         values = draws_of(node, Study(draws, recorded, self.law))
         return values.transpose("chain", "draw").to_numpy().astype(float)

@@ -17,7 +17,6 @@ from bayestissue.base.result import Result, Say, silent
 from bayestissue.base.results.files import write_json
 from bayestissue.base.results.tables import table_of_rows, typed
 from bayestissue.inference.answers.fixed import confounded
-from bayestissue.inference.answers.meaning import as_recorded
 from bayestissue.model.hierarchy.design import build_design
 from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, grouping_of
@@ -353,7 +352,7 @@ def _held_open(case: Case, goals: Sequence[Goal]) -> dict[str, list[dict[str, An
     return {
         goal.name: [
             {"term": str(term), "levels": len(grouping_of(rows, term.factors).levels), "of": term.grouping}
-            for term in confounded(as_recorded(goal.node, recorded, None), recorded)
+            for term in confounded(goal.node, recorded)
         ]
         for goal in goals
     }

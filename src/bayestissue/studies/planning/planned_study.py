@@ -10,12 +10,11 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.base.errors import InputError, Problem, collected
-from bayestissue.inference.answers.grammar import Choice, Quantity, QuestionError, claims, parse, quantities
+from bayestissue.inference.answers.grammar import Choice, Quantity, QuestionError, parse
 from bayestissue.inference.answers.law import MOTION, Law
-from bayestissue.inference.answers.meaning import searched
+from bayestissue.inference.answers.meaning import outcomes_in, searched
 from bayestissue.inference.answers.questions import (
     Question,
-    outcomes_in,
     problem_of,
     require_outcomes,
     require_readable,
@@ -149,7 +148,7 @@ def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
     levels: dict[str, dict[str, None]] = {}
     for text in questions:
         try:
-            named = [level for quantity in quantities(parse(text)) for level in quantity.levels]
+            named = [level for quantity in parse(text).quantities() for level in quantity.levels]
         except QuestionError:
             continue
         for level in named:
@@ -173,7 +172,7 @@ def _adapted(
     named = {
         alike(level.column, factors)
         for goal in goals
-        for quantity in quantities(goal.node)
+        for quantity in goal.node.quantities()
         for level in quantity.levels
     }
     wanted = DEFAULT_FORMULA
@@ -200,7 +199,7 @@ def _unreadable(goal: Goal, source: str) -> Problem | None:
         node = goal.node
     except QuestionError as slip:
         return problem_of(slip, _question(goal, source))
-    is_question, is_claim = goal.width is None, claims(node)
+    is_question, is_claim = goal.width is None, node.claims
     where = source, None, _key(goal), goal.text
     if is_question and not is_claim:
         return Problem.stated("impossible-plan.claim", *where)
@@ -227,20 +226,20 @@ def _unanswerable(
     further = [parameter.name for parameter in element(model.element).extra]
     words: dict[str, Any] = {"element": model.element, "parameters": ", ".join(further)}
     for goal in goals:
-        exponents = [q.name for q in quantities(goal.node) if q.name.startswith("mass_exponent_")]
+        exponents = [q.name for q in goal.node.quantities() if q.name.startswith("mass_exponent_")]
         if exponents and len(masses_kg) == 1:
             where = source, None, "candidates.masses_kg", masses_kg[0]
             names: dict[str, Any] = {"exponent": exponents[0], "name": goal.name}
             problems.append(Problem.stated("impossible-plan.one-mass", *where, **names))
             continue
         with collected(problems):
-            question = _question(goal, source)
-            require_readable([question], design.recorded, draws)
+            question, study = _question(goal, source), Study(draws, design.recorded, law)
+            require_readable([question], study)
             if outcomes_in(goal.node, design.recorded) and further:
                 raise InputError.stated(
                     "impossible-plan.outcome", *(source, None, "model", model.name), **words
                 )
-            require_outcomes([question], Study(draws, design.recorded, law))
+            require_outcomes([question], study)
     return problems
 
 
