@@ -110,11 +110,11 @@ class Made:
 
 def logs_of(made: Made, q: str) -> Iterator[tuple[Any, np.ndarray]]:
     """Each contrast, and the log of its ratio by what is asked of its levels."""
-    every = [one for one in contrasts_of(made.recorded, q) if one.compared[0][2] != ALL]
+    every = [one for one in contrasts_of(made.recorded, q) if one.compared[0].against != ALL]
     # Of each kind the first, such as an interaction, and some others.
     first = [next(one for one in every if one.kind == kind) for kind in dict.fromkeys(c.kind for c in every)]
     for contrast in [*first, *(every[n] for n in made.rng.permutation(len(every))[:COMPARED])]:
-        yield contrast, sum(weight * made.log(q, at) for at, weight in contrast.weighted)
+        yield contrast, sum(weight * made.log(q, dict(at)) for at, weight in contrast.weighted.items())
 
 
 def agrees(made: Made) -> None:
@@ -127,7 +127,7 @@ def agrees(made: Made) -> None:
             expected = np.exp(np.percentile(log, [50, 5, 95]))
             assert_allclose(row[["ratio", "low", "high"]].astype(float), expected, rtol=1e-9)
             if contrast.kind == INTERACTION:
-                over = (f"{name}='{level}' over '{against}'" for name, level, against in contrast.compared)
+                over = (f"{name}='{level}' over '{against}'" for name, level, against, _ in contrast.compared)
                 assert_allclose(np.log(made.asked(f"{q}[{', '.join(over)}]")), log, atol=1e-9)
         variables_agree(made, q)
         assert_allclose(made.asked(q), made.draws[f"{q}_typical_person"].to_numpy().ravel(), rtol=1e-9)

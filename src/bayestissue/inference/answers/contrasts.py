@@ -37,12 +37,13 @@ and another in all of the other stands in ``note``: no ratio tells them apart un
 
 from __future__ import annotations
 
-from collections import defaultdict
+import math
+from collections import ChainMap, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property
-from itertools import combinations, product
-from typing import Any
+from itertools import chain, combinations, product
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -72,7 +73,23 @@ _REFERENCES = (
     *("baseline", "before", "pre", "none"),
 )
 
-Weighted = Sequence[tuple[Condition, float]]
+# A condition that can be looked up: its columns and levels.
+At = tuple[tuple[str, str], ...]
+
+
+class Pair(NamedTuple):
+    """A level of a column over another, or over the mean of all ``others``."""
+
+    column: str
+    level: str
+    against: str
+    others: tuple[str, ...]
+
+    @property
+    def weighted(self) -> list[tuple[dict[str, str], float]]:
+        """What is given on either side, and its weight."""
+        others = [({self.column: other}, -1 / len(self.others)) for other in self.others]
+        return [({self.column: self.level}, 1.0), *others]
 
 
 @dataclass(frozen=True)
@@ -81,36 +98,56 @@ class Contrast:
 
     Attributes:
         factors: the columns that name it.
-        compared: of these the one that differs, of an interaction both: column, level and against.
-        weighted: conditions and their weights, which add up to 0.
-        shared: the level of each other column, of a combination or of an interaction of three columns.
+        compared: of these the one that differs, of an interaction both.
+        shared: the level of each other column, of a combination or of an interaction of three columns; of a
+            mean over combinations those of each.
     """
 
     factors: tuple[str, ...]
-    compared: tuple[tuple[str, str, str], ...]
-    weighted: Weighted
-    shared: Mapping[str, str] = field(default_factory=dict)
+    compared: tuple[Pair, ...]
+    shared: Sequence[Mapping[str, str]] = ({},)
 
     @property
     def kind(self) -> str:
         """`LEVELS`, `COMBINATIONS` or `INTERACTION`."""
         if len(self.compared) > 1:
             return INTERACTION
-        return COMBINATIONS if self.shared else LEVELS
+        return COMBINATIONS if len(self.factors) > 1 else LEVELS
 
     @property
     def names(self) -> tuple[str, str, str]:
         """Factor, level and against: ``side``, left, right; ``group:session``, treated:after/before, ..."""
-        if self.kind == INTERACTION:
-            (_, level, against), (_, upper, lower) = self.compared
-            ratio = ":".join([f"{upper}/{lower}", *self.shared.values()])
-            return ":".join(self.factors), f"{level}:{ratio}", f"{against}:{ratio}"
-        ((column, level, against),) = self.compared
-        one, reference = (
-            ":".join({**self.shared, column: value}[name] for name in self.factors)
-            for value in (level, against)
-        )
-        return ":".join(self.factors), one, reference
+        first, *further = self.compared
+        if further:
+            ratio = ":".join([f"{further[0].level}/{further[0].against}", *self.shared[0].values()])
+            level, against = (f"{one}:{ratio}" for one in (first.level, first.against))
+        else:
+            sides = ({**self.shared[0], first.column: one} for one in (first.level, first.against))
+            level, against = (":".join(side[name] for name in self.factors) for side in sides)
+        return ":".join(self.factors), level, against
+
+    @cached_property
+    def weighted(self) -> dict[At, float]:
+        """Conditions and their weights, which add up to 0."""
+        weights: dict[At, float] = defaultdict(float)
+        given = [(at, 1 / len(self.shared)) for at in self.shared]
+        for parts in product(given, *(pair.weighted for pair in self.compared)):
+            at = dict(ChainMap(*(dict(part) for part, _ in parts)))
+            weights[tuple(sorted(at.items()))] += math.prod(weight for _, weight in parts)
+        return dict(weights)
+
+
+class InOutcomes(NamedTuple):
+    """Outcomes of the reference impact on every level that is compared.
+
+    Attributes:
+        compared: the contrasts that they serve.
+        outcomes: [chain, draw, condition], of `_weights`; none where there is no law, no velocity or nothing
+            to compare.
+    """
+
+    compared: list[Contrast]
+    outcomes: xr.Dataset
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,25 +166,21 @@ class Contrasts:
     def all(self) -> list[Contrast]:
         """The contrasts of all formulas, each once."""
         by_name: dict[tuple[str, ...], Contrast] = {}
-        for compared in self.of_responses.values():
-            for contrast in compared:
-                by_name.setdefault((contrast.kind, *contrast.names), contrast)
+        for contrast in chain.from_iterable(self.of_responses.values()):
+            by_name.setdefault((contrast.kind, *contrast.names), contrast)
         return list(by_name.values())
 
     @cached_property
     def factors(self) -> dict[str, list[Condition]]:
         """The levels of each column of which a level is one condition, neither people nor what hits."""
-        levels: dict[str, dict[Any, Condition]] = defaultdict(dict)
+        known: dict[str, set[str]] = defaultdict(set)
         for contrast in self.all:
-            name = contrast.factors[0]
-            single = all(list(at) == [name] for at, _ in contrast.weighted)
-            if contrast.kind == LEVELS and single and name not in ("trial", *MOTION):
-                levels[name] |= {_key(at): at for at, _ in contrast.weighted}
-        # In the order of their recordings.
-        by_label = {name: {label_of(at[name]): at for at in known.values()} for name, known in levels.items()}
+            (pair, *_), single = contrast.compared, not any(contrast.shared)
+            if contrast.kind == LEVELS and single and pair.column not in ("trial", *MOTION):
+                known[pair.column] |= {pair.level, *pair.others}
         return {
-            name: [known[label] for label in self.study.recorded.levels(name) if label in known]
-            for name, known in by_label.items()
+            name: [{name: label} for label in self.study.recorded.levels(name) if label in labels]
+            for name, labels in known.items()
         }
 
     @cached_property
@@ -155,34 +188,16 @@ class Contrasts:
         """All levels' motions in one go."""
         compared = self.all
         if not self.study.law.in_closed_form:
-            compared = _within(compared, SETTINGS.simulated // SETTINGS.of_a_condition)
-        conditions, weights = _weights(compared)
-        return InOutcomes(compared, conditions, weights, self.study.of_reference_impact(conditions))
+            compared = list(_within(compared, SETTINGS.simulated // SETTINGS.of_a_condition))
+        return InOutcomes(compared, self.study.of_reference_impact(_weights(compared)[0]))
 
-
-@dataclass(frozen=True, eq=False)
-class InOutcomes:
-    """Outcomes of the reference impact on every level that is compared.
-
-    Attributes:
-        compared: the contrasts that they serve.
-        conditions: those of the contrasts.
-        weights: what each adds to the log of each ratio.
-        outcomes: [chain, draw, condition]; none where there is no law, no velocity or nothing to compare.
-    """
-
-    compared: list[Contrast]
-    conditions: list[Condition]
-    weights: Float[np.ndarray, "condition ratio"]
-    outcomes: xr.Dataset
-
-    def at(self, levels: Sequence[Condition]) -> xr.Dataset:
-        """Those of some levels; none where some were not simulated."""
-        row_of = {_key(at): row for row, at in enumerate(self.conditions)} if self.outcomes else {}
-        keys = [_key(at) for at in levels]
-        if not all(key in row_of for key in keys):
+    def outcomes_at(self, levels: Sequence[Condition]) -> xr.Dataset:
+        """`in_outcomes` of some levels; none where some were not simulated."""
+        compared, outcomes = self.in_outcomes
+        conditions, _ = _weights(compared)
+        if not outcomes or not all(at in conditions for at in levels):
             return xr.Dataset()
-        return self.outcomes.isel(condition=[row_of[key] for key in keys])
+        return outcomes.isel(condition=[conditions.index(at) for at in levels])
 
 
 def contrasts_table(contrasts: Contrasts, equivalence: float) -> pd.DataFrame:
@@ -200,24 +215,36 @@ def contrasts_table(contrasts: Contrasts, equivalence: float) -> pd.DataFrame:
     study, tables = contrasts.study, []
     for response, compared in contrasts.of_responses.items():
         if compared:
-            conditions, weights = _weights(compared)
-            values = study.at([response], conditions)[response]
-            notes = _notes(study.recorded, compared)
-            tables.append(_rows(compared, notes, ratio_summary(values, weights, equivalence), response))
+            values = study.at([response], _weights(compared)[0])
+            tables += _rows(study, compared, values, equivalence)
     table = _by_contrast(tables)
     if study.element_alone:
         of_K = table["quantity"] == "K"
         table.loc[of_K, "note"] = (table["note"] + f"; {ELEMENT_ALONE}").str.removeprefix("; ")[of_K]
-    outcomes = _by_contrast(_outcome_rows(contrasts, equivalence))
-    return pd.concat([table, outcomes], ignore_index=True) if len(outcomes) else table
+    compared, outcomes = contrasts.in_outcomes
+    if not outcomes:
+        return table
+    conditions, weights = _weights(compared)
+    motion = study.motion(conditions)
+    shared = {name: _shared(motion[name], weights) for name in ("mass_kg", "velocity_m_s")}
+    rows = _rows(study, compared, outcomes, equivalence, **shared)
+    return pd.concat([table, _by_contrast(rows)], ignore_index=True)
 
 
 def _rows(
-    compared: Sequence[Contrast], notes: Sequence[str], summary: Mapping[str, Any], quantity: str
-) -> pd.DataFrame:
-    texts = [(*c.names, c.kind, note) for c, note in zip(compared, notes, strict=True)]
-    table = pd.DataFrame(texts, columns=_TEXT).assign(quantity=quantity, **summary)
-    return table.reindex(columns=columns_of("contrasts"))
+    study: Study, compared: Sequence[Contrast], values: xr.Dataset, equivalence: float, **shared: list[float]
+) -> list[pd.DataFrame]:
+    """Of each quantity a row a contrast."""
+    simulated, (_, weights) = study.simulated_words(values), _weights(compared)
+    notes = ["; ".join(filter(None, [note, simulated])) for note in _notes(study.recorded, compared)]
+    texts = [(*one.names, one.kind, note) for one, note in zip(compared, notes, strict=True)]
+    table = pd.DataFrame(texts, columns=_TEXT).assign(**shared)
+    return [
+        table.assign(quantity=str(name), **ratio_summary(of_levels, weights, equivalence)).reindex(
+            columns=columns_of("contrasts")
+        )
+        for name, of_levels in values.items()
+    ]
 
 
 def _by_contrast(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -225,21 +252,6 @@ def _by_contrast(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     table = joined("contrasts", tables)
     order = table.groupby(_TEXT, sort=False).ngroup()
     return table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
-
-
-def _outcome_rows(contrasts: Contrasts, equivalence: float) -> list[pd.DataFrame]:
-    """Rows of each of `REFERENCE_OUTCOMES`."""
-    study, here = contrasts.study, contrasts.in_outcomes
-    if not here.outcomes:
-        return []
-    simulated = study.simulated_words(here.outcomes)
-    notes = ["; ".join(filter(None, [note, simulated])) for note in _notes(study.recorded, here.compared)]
-    motion = study.motion(here.conditions)
-    shared = {name: _shared(motion[name], here.weights) for name in ("mass_kg", "velocity_m_s")}
-    return [
-        _rows(here.compared, notes, ratio_summary(values, here.weights, equivalence) | shared, str(name))
-        for name, values in here.outcomes.items()
-    ]
 
 
 def _shared(
@@ -272,54 +284,44 @@ def ratio_summary(
     }
 
 
-def _within(compared: Sequence[Contrast], most: int) -> list[Contrast]:
+def _within(compared: Sequence[Contrast], most: int) -> Iterator[Contrast]:
     """The first contrasts that so many conditions serve."""
-    known: set[Any] = set()
-    within = []
+    known: set[At] = set()
     for contrast in compared:
-        needed = known | {_key(at) for at, _ in contrast.weighted}
+        needed = known | contrast.weighted.keys()
         if len(needed) <= most:
             known = needed
-            within.append(contrast)
-    return within
+            yield contrast
 
 
 def _weights(compared: Sequence[Contrast]) -> tuple[list[Condition], Float[np.ndarray, "condition ratio"]]:
     """The conditions of contrasts, each once, and what each adds to the log of each ratio."""
-    conditions = {_key(at): at for contrast in compared for at, _ in contrast.weighted}
-    row = {key: number for number, key in enumerate(conditions)}
+    conditions = list(dict.fromkeys(chain.from_iterable(contrast.weighted for contrast in compared)))
+    row = {at: number for number, at in enumerate(conditions)}
     weights = np.zeros((len(conditions), len(compared)))
     for column, contrast in enumerate(compared):
-        for at, weight in contrast.weighted:
-            weights[row[_key(at)], column] += weight
-    return list(conditions.values()), weights
-
-
-def _key(condition: Condition) -> tuple[tuple[str, str | float], ...]:
-    return tuple(sorted(condition.items()))
+        weights[[row[at] for at in contrast.weighted], column] = list(contrast.weighted.values())
+    return [dict(at) for at in conditions], weights
 
 
 def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     """What a response's formula lets one compare, covariates first."""
     formula = recorded.response(response)
-    named = [name for name in formula.covariates if _is_factor(recorded, name)]
-    factors = {name: _values(recorded, name) for name in named}
-    compared = [one for name, known in factors.items() for one in _of_levels(name, known)]
+    factors = [name for name in formula.covariates if _is_factor(recorded, name)]
+    compared = [one for name in factors for one in _of_levels(name, recorded.levels(name))]
     for names in sorted(interactions(formula.formula), key=len, reverse=True):
         if set(names) <= set(factors):
-            compared += _of_interaction(recorded, names, factors)
+            compared += _of_interaction(recorded, names)
     for term in formula.terms.groups:
         if term.slope or term.grouping == "subject":
             continue
         if len(term.factors) > 1:
             compared += _of_combinations(recorded, term.factors, known=factors)
         elif term.grouping not in factors:
-            comparable = [recorded.levels(term.grouping)]
-            if term.grouping == "trial" and "mass_kg" in formula.covariates:
-                comparable = _of_equal_mass(recorded, term.grouping)
-            for levels in comparable:
+            of_masses = term.grouping == "trial" and "mass_kg" in formula.covariates
+            for levels in _of_equal_mass(recorded) if of_masses else [recorded.levels(term.grouping)]:
                 if len(levels) <= SETTINGS.compared:
-                    compared += _of_levels(term.grouping, {level: level for level in levels})
+                    compared += _of_levels(term.grouping, levels)
     return compared
 
 
@@ -328,49 +330,30 @@ def _is_factor(recorded: Recorded, name: str) -> bool:
     return two_numbers or recorded.is_category(name)
 
 
-def _of_levels(name: str, levels: Mapping[str, str | float]) -> Iterator[Contrast]:
-    for level, against in _pairs(list(levels)):
-        yield Contrast((name,), ((name, level, against),), _weighted(name, level, against, levels))
+def _pairs(column: str, levels: Sequence[str], most: int = SETTINGS.in_pairs) -> list[Pair]:
+    """Each level with each; of more than ``most`` each with all."""
+    ordered = _ordered(levels)
+    if len(ordered) > most:
+        return [Pair(column, level, ALL, tuple(levels)) for level in ordered]
+    return [Pair(column, level, against, (against,)) for level, against in combinations(ordered, 2)]
 
 
-def _weighted(name: str, level: str, against: str, levels: Mapping[str, str | float]) -> Weighted:
-    """A level less another, or less the mean of all."""
-    others = list(levels) if against == ALL else [against]
-    return [
-        ({name: levels[level]}, 1.0),
-        *(({name: levels[reference]}, -1 / len(others)) for reference in others),
-    ]
+def _of_levels(column: str, levels: Sequence[str]) -> list[Contrast]:
+    return [Contrast((column,), (pair,)) for pair in _pairs(column, levels)]
 
 
-def _times(first: Weighted, second: Weighted) -> Weighted:
-    """Conditions of which each has what one of the first and one of the second gives."""
-    return [({**at, **further}, w * v) for (at, w), (further, v) in product(first, second)]
-
-
-def _of_interaction(
-    recorded: Recorded, names: Sequence[str], factors: Mapping[str, Mapping[str, str | float]]
-) -> Iterator[Contrast]:
+def _of_interaction(recorded: Recorded, names: Sequence[str]) -> Iterator[Contrast]:
     """Ratios of the ratios between levels of one column at the levels of another, at each of a third."""
-    third = max(names, key=lambda name: _stays(recorded, name)) if len(names) > 2 else ""
-    names = [name for name in names if name != third]
-    levels = [factors[name] for name in names]
-    at = {label: {third: factors[third][label]} for label in _ordered(list(factors[third]))} if third else {}
-    pairs = [list(_pairs(list(known))) for known in levels]
-    if len(pairs[0]) * len(pairs[1]) > SETTINGS.compared:
-        pairs = [[(level, ALL) for level in _ordered(list(known))] for known in levels]
-    if len(pairs[0]) * len(pairs[1]) * max(len(at), 1) > SETTINGS.compared:
-        return
-    for chosen in product(*pairs):
-        first, second = (
-            _weighted(name, *pair, known) for name, pair, known in zip(names, chosen, levels, strict=True)
-        )
-        weighted = _times(first, second)
-        compared = tuple((name, *pair) for name, pair in zip(names, chosen, strict=True))
-        if not third:
-            yield Contrast(tuple(names), compared, weighted)
-        for label, level in at.items():
-            of_level = _times(weighted, [(level, 1.0)])
-            yield Contrast((*names, third), compared, of_level, {third: label})
+    levels, shared = {name: recorded.levels(name) for name in names}, [{}]
+    if len(names) > 2:
+        third = max(names, key=lambda name: _stays(recorded, name))
+        shared = [{third: label} for label in _ordered(levels.pop(third))]
+    pairs = [_pairs(name, known) for name, known in levels.items()]
+    if math.prod(map(len, pairs)) > SETTINGS.compared:
+        pairs = [_pairs(name, known, most=0) for name, known in levels.items()]
+    if math.prod(map(len, [*pairs, shared])) <= SETTINGS.compared:
+        for compared, at in product(product(*pairs), shared):
+            yield Contrast((*levels, *at), compared, [at])
 
 
 def _stays(recorded: Recorded, name: str) -> tuple[bool, bool, bool]:
@@ -382,9 +365,9 @@ def _stays(recorded: Recorded, name: str) -> tuple[bool, bool, bool]:
     return name not in recorded.followers("subject"), name.lower() not in SESSIONS, not reference
 
 
-def _of_equal_mass(recorded: Recorded, name: str) -> list[list[str]]:
-    """Levels in which the impactor has one mass, those of the same mass together."""
-    logs = np.log(recorded.rows["mass_kg"]).groupby(recorded.labels(name), sort=False)
+def _of_equal_mass(recorded: Recorded) -> list[list[str]]:
+    """Conditions in which the impactor has one mass, those of the same mass together."""
+    logs = np.log(recorded.rows["mass_kg"]).groupby(recorded.labels("trial"), sort=False)
     at = logs.median()[logs.max() - logs.min() < SETTINGS.same_mass].sort_values(kind="stable")
     group = (at.diff() > SETTINGS.same_mass).cumsum()
     # A condition with several masses stands for none.
@@ -400,41 +383,22 @@ def _of_combinations(
     The average is left to the covariate where the column is ``known`` as one.
     """
     combos = list(dict.fromkeys(zip(*map(recorded.labels, factors), strict=True)))
-    if len(combos) > SETTINGS.compared:
-        return
-    for position, name in enumerate(factors):
+    for name in factors if len(combos) <= SETTINGS.compared else ():
         if name == "subject":
             continue
-        levels_at: dict[tuple[str, ...], list[str]] = defaultdict(list)
+        levels_at: dict[At, list[str]] = defaultdict(list)
         for combo in combos:
-            levels_at[(*combo[:position], *combo[position + 1 :])].append(combo[position])
-        single: dict[tuple[str, str], list[Contrast]] = defaultdict(list)
-        for others, levels in levels_at.items():
-            shared = dict(zip([n for n in factors if n != name], others, strict=True))
-            for level, against in combinations(_ordered(levels), 2):
-                pair = _weighted(name, level, against, {one: one for one in (level, against)})
-                weighted = _times([(shared, 1.0)], pair)
-                single[(level, against)].append(
-                    Contrast(factors, ((name, level, against),), weighted, shared)
-                )
-        for (level, against), pairs in single.items():
-            if len(pairs) > 1 and name not in known:
-                averaged = [(at, weight / len(pairs)) for pair in pairs for at, weight in pair.weighted]
-                yield Contrast((name,), ((name, level, against),), averaged)
-        yield from (pair for pairs in single.values() for pair in pairs)
-
-
-def _values(recorded: Recorded, name: str) -> dict[str, str | float]:
-    """The values of a column by what they are called."""
-    kind = float if recorded.is_number(name) else str
-    return dict(zip(recorded.labels(name), map(kind, recorded.rows[name]), strict=True))
-
-
-def _pairs(levels: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Each with each; of many each with all."""
-    if len(levels) <= SETTINGS.in_pairs:
-        return combinations(_ordered(levels), 2)
-    return ((level, ALL) for level in _ordered(levels))
+            others = dict(zip(factors, combo, strict=True))
+            level = others.pop(name)
+            levels_at[tuple(others.items())].append(level)
+        alike: dict[Pair, list[dict[str, str]]] = defaultdict(list)
+        for shared, levels in levels_at.items():
+            for pair in _pairs(name, levels, most=len(levels)):
+                alike[pair].append(dict(shared))
+        for pair, at in alike.items():
+            if len(at) > 1 and name not in known:
+                yield Contrast((name,), (pair,), at)
+        yield from (Contrast(factors, (pair,), [shared]) for pair, at in alike.items() for shared in at)
 
 
 def _ordered(levels: Sequence[str]) -> list[str]:
@@ -450,7 +414,7 @@ def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
     columns = not_used(recorded)
 
     @cache
-    def goes_with(condition: tuple[tuple[str, str | float], ...]) -> dict[str, str]:
+    def goes_with(condition: At) -> dict[str, str]:
         """What follows from a condition by the formulas, and what else is one thing in all of its impacts."""
         at = dict(condition)
         follows = {name: value for name, value in recorded.completed(at).items() if name not in at}
@@ -461,10 +425,10 @@ def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
         }
 
     def note(contrast: Contrast) -> str:
-        if contrast.kind == INTERACTION or contrast.compared[0][2] == ALL:
+        if contrast.kind == INTERACTION or contrast.compared[0].against == ALL:
             return ""
         upper, lower = (
-            [goes_with(tuple(at.items())) for at, weight in contrast.weighted if weight * sign > 0]
+            [goes_with(at) for at, weight in contrast.weighted.items() if weight * sign > 0]
             for sign in (1, -1)
         )
         words = []

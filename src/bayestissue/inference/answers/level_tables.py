@@ -51,7 +51,7 @@ def levels_table(contrasts: Contrasts) -> pd.DataFrame:
                 alone = [ELEMENT_ALONE] * (response == "K" and study.element_alone)
                 values = study.at([response], levels)[response]
                 tables.append(_ranked_rows(values, **at, note="; ".join([*notes, *alone])))
-        if outcomes := contrasts.in_outcomes.at(levels):
+        if outcomes := contrasts.outcomes_at(levels):
             note = "; ".join(filter(None, [*notes, study.simulated_words(outcomes)]))
             motion = study.motion(levels)
             at |= {name: motion[name] for name in ("mass_kg", "velocity_m_s")}
