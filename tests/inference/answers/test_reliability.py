@@ -49,7 +49,7 @@ def of(people, conditions, error, *, k: float, measurement: float = 0.0, shared:
 
 def classical(each: Variances) -> dict[str, np.ndarray]:
     return {
-        f"ICC({letter},{number})": each.icc(agreement=letter == "A", averaged=number == "k")
+        f"ICC({letter},{number})": each.icc(letter, averaged=number == "k")
         for letter in "CA"
         for number in "1k"
     }
@@ -70,19 +70,19 @@ def test_the_classical_estimates_are_those_of_the_mean_squares() -> None:
 
 def test_what_the_chain_makes_counts_and_a_shared_error_stays() -> None:
     clear = of(0.04, 0.01, 0.02, k=4)
-    assert clear.icc(agreement=False, averaged=False) == pytest.approx(0.04 / 0.06)
+    assert clear.icc("C") == pytest.approx(0.04 / 0.06)
     blurred = clear._replace(measurement=0.02)
-    assert blurred.icc(agreement=False, averaged=False) == pytest.approx(0.04 / 0.08)
-    assert blurred.icc(agreement=True, averaged=True) == pytest.approx(0.04 / (0.04 + (0.01 + 0.04) / 4))
+    assert blurred.icc("C") == pytest.approx(0.04 / 0.08)
+    assert blurred.icc("A", averaged=True) == pytest.approx(0.04 / (0.04 + (0.01 + 0.04) / 4))
     shared = blurred._replace(shared=0.02)
-    assert shared.icc(agreement=False, averaged=True) == pytest.approx(0.04 / (0.06 + 0.04 / 4))
+    assert shared.icc("C", averaged=True) == pytest.approx(0.04 / (0.06 + 0.04 / 4))
     # Spearman and Brown: a mean of so many has the ICC asked for.
     for each in (clear, blurred, shared._replace(shared=0.001)):
-        for agreement in (False, True):
-            k = each.repeats(0.9, agreement=agreement)
-            error = each.error(agreement=agreement) / k
+        for form in ("C", "A"):
+            k = each.repeats(0.9, form)
+            error = each.error(form) / k
             assert each.people / (each.people + each.shared + error) == pytest.approx(0.9)
-    assert shared.repeats(0.75, agreement=False) == np.inf
+    assert shared.repeats(0.75, "C") == np.inf
 
 
 def posterior() -> tuple[xr.Dataset, Recorded]:
@@ -115,10 +115,10 @@ def test_each_group_is_part_of_the_variance_that_its_levels_say() -> None:
     assert [levels for _, levels in found.within.values()] == [2, 2]
     assert found.k == 6
     error = square["sd_impact_K"] + square["sd_subject_side_K"] + square["sd_session_K"] + 0.03**2
-    assert_allclose(found.error(agreement=False), error)
+    assert_allclose(found.error("C"), error)
     averaged = (square["sd_impact_K"] + 0.03**2) / 6 + square["sd_trial_K"] / 3
     averaged = averaged + (square["sd_subject_side_K"] + square["sd_session_K"]) / 2
-    assert_allclose(found.error(agreement=True, averaged=True), averaged)
+    assert_allclose(found.error("A", averaged=True), averaged)
 
 
 def test_the_table_and_the_variables_are_in_percent_and_in_units() -> None:
@@ -127,7 +127,7 @@ def test_the_table_and_the_variables_are_in_percent_and_in_units() -> None:
     found = coefficients({"K": each}, draws)
     table, further = reliability(found), as_variables(found)
     row = table.set_index(["measure", "form", "unit"])["median"]
-    s = np.sqrt(each.error(agreement=True))
+    s = np.sqrt(each.error("A"))
     assert row[SEM, "agreement", "%"] == pytest.approx(100 * np.median(np.expm1(s)), rel=1e-3)
     change = np.expm1(1.96 * np.sqrt(2) * s)
     assert row[MDC, "agreement", "%"] == pytest.approx(100 * np.median(change), rel=1e-3)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded
 from bayestissue.inference.answers.integration import SETTINGS
+from bayestissue.inference.execution.compiling import in_parts
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, outcomes_of
@@ -121,17 +122,15 @@ class Law:
             surroundings[GRAVITY] = np.array(self.gravity)
         p, shape = {**parameters, **surroundings}, parameters["K"].shape
         every = (*p.values(), motion["mass_kg"], motion["velocity_m_s"])
-        flat = [np.broadcast_to(values, shape).ravel() for values in every]
-        parts: list[dict[str, Array]] = []
-        for begin in range(0, flat[0].size, size):
+
+        def of_part(*columns: np.ndarray) -> dict[str, Array]:
             # The last part is filled up with what stands in it already.
-            *values, M, V = (jnp.asarray(np.resize(v[begin : begin + size], size)) for v in flat)
-            parts.append(simulate(dict(zip(p, values, strict=True)), M, V))
-        columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        return {
-            name: column[: flat[0].size].reshape(*shape, *column.shape[1:])
-            for name, column in columns.items()
-        }
+            *values, M, V = (jnp.asarray(np.resize(column, size)) for column in columns)
+            results = simulate(dict(zip(p, values, strict=True)), M, V)
+            return {name: result[: len(columns[0])] for name, result in results.items()}
+
+        rows = tuple(np.broadcast_to(values, shape) for values in every)
+        return in_parts(of_part, rows, size, len(shape))  # type: ignore[no-any-return]
 
 
 def moving(condition: Condition, gravity: float) -> Condition:

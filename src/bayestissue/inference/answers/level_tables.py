@@ -112,17 +112,22 @@ def loops_table(contrasts: Contrasts) -> pd.DataFrame:
     if not (study.law.everywhere and motions):
         return _whole("loops", [])
     for factor, levels in pictured(contrasts).items():
-        conditions: list[Condition] = [{**level, **motion} for motion, level in product(motions, levels)]
-        loops = study.loops(conditions, _step(study, len(conditions)))
-        for row, condition in enumerate(conditions):
-            at: dict[str, Any] = _labels(factor, condition) | {name: condition[name] for name in motions[0]}
-            at["draws"] = loops.sizes["chain"] * loops.sizes["draw"]
-            tables += [_median_way(loops.isel(condition=row), branch).assign(**at) for branch in (IN, OUT)]
+        pairs = list(product(motions, levels))
+        loops = study.loops([{**level, **motion} for motion, level in pairs], _step(study, len(pairs)))
+        known = xr.apply_ufunc(np.isfinite, loops).mean(DRAWN) >= SETTINGS.reached
+        medians = loops.where(known, 0.0).median(DRAWN, skipna=False).where(known)
+        draws = loops.sizes["chain"] * loops.sizes["draw"]
+        for (row, (motion, level)), branch in product(enumerate(pairs), (IN, OUT)):
+            way = medians.isel(condition=row)
+            at = {
+                "factor": factor,
+                "level": label_of(level.get(factor, "")),
+                "branch": branch,
+                "draws": draws,
+            }
+            columns = {"depth_m": way[f"depth_{branch}"], "force_N": way[f"force_{branch}"]}
+            tables.append(pd.DataFrame({**at, **motion, **columns}).dropna(subset="depth_m"))
     return _whole("loops", tables)
-
-
-def _labels(factor: str, condition: Condition) -> dict[str, str]:
-    return {"factor": factor, "level": label_of(condition[factor]) if factor else ""}
 
 
 def _step(study: Study, conditions: int) -> int:
@@ -130,16 +135,6 @@ def _step(study: Study, conditions: int) -> int:
     least, most = SETTINGS.pictured
     wanted = min(max(least, SETTINGS.together // conditions), most)
     return max(1, study.count // wanted)
-
-
-def _median_way(loops: xr.Dataset, branch: str) -> pd.DataFrame:
-    """The medians of depth and force at even shares of the time in or out, where most draws have them."""
-    medians: dict[str, Any] = {"branch": branch}
-    for part, column in (("depth", "depth_m"), ("force", "force_N")):
-        values = loops[f"{part}_{branch}"]
-        known = xr.apply_ufunc(np.isfinite, values).mean(DRAWN) >= SETTINGS.reached
-        medians[column] = values.where(known, 0.0).median(DRAWN, skipna=False).where(known).to_numpy()
-    return pd.DataFrame(medians).dropna(subset="depth_m")
 
 
 def curves_table(contrasts: Contrasts) -> pd.DataFrame:
@@ -157,20 +152,22 @@ def curves_table(contrasts: Contrasts) -> pd.DataFrame:
     least, most = float(rows["velocity_m_s"].min()), float(rows["velocity_m_s"].max())
     inside = np.geomspace(least, most, SETTINGS.pictured_velocities - 2)
     velocities = np.unique([SETTINGS.beyond[0] * least, *inside, SETTINGS.beyond[1] * most])
-    for factor, levels in pictured(contrasts).items():
-        if not factor:
+    beyond = (least * (1 - SETTINGS.rounding), most * (1 + SETTINGS.rounding))
+    for factor, levels in contrasts.factors.items():
+        if len(levels) > SETTINGS.pictured_levels:
             continue
         conditions: list[Condition] = [
             {**level, "mass_kg": float(mass), "velocity_m_s": float(velocity)}
             for level, mass, velocity in product(levels, masses, velocities)
         ]
         outcomes = study.at(REFERENCE_OUTCOMES, conditions, step=_step(study, len(conditions)))
-        V = np.array([condition["velocity_m_s"] for condition in conditions], float)
-        at = pd.DataFrame([_labels(factor, condition) for condition in conditions]).assign(
-            mass_kg=[condition["mass_kg"] for condition in conditions],
-            velocity_m_s=V,
+        at = pd.DataFrame(conditions)
+        V = at["velocity_m_s"]
+        at = at.assign(
+            factor=factor,
+            level=[label_of(condition[factor]) for condition in conditions],
             drop_height_cm=fall_height(V) if study.law.gravity else np.nan,
-            beyond=((least * (1 - SETTINGS.rounding) > V) | (most * (1 + SETTINGS.rounding) < V)).astype(int),
+            beyond=(~V.between(*beyond)).astype(int),
             draws=outcomes.sizes["chain"] * outcomes.sizes["draw"],
         )
         tables += [

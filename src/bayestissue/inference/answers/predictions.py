@@ -32,8 +32,8 @@ from jaxtyping import Bool, Float
 from bayestissue.base.errors import Coded, InputError, Problem, has_control_characters, path_argument
 from bayestissue.base.results.files import whole_file, write_tree
 from bayestissue.inference.answers.integration import SETTINGS
-from bayestissue.inference.answers.law import DROP_HEIGHT, NO_LAW, moving, unfit_height
-from bayestissue.inference.answers.meaning import average_notes, beyond_notes
+from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, moving, unfit_height
+from bayestissue.inference.answers.meaning import as_number, average_notes, beyond_notes, takes_number
 from bayestissue.inference.answers.study import DRAWN, Study, simulated_step
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
@@ -226,7 +226,6 @@ def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
     return notes
 
 
-_POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m", DROP_HEIGHT: "cm"}
 _TABLE = "table (rows from 0)"
 
 
@@ -253,7 +252,7 @@ def read_conditions(table: str | Path | pd.DataFrame, study: Study) -> list[Cond
         cells, rows = read_cells(Source.at(path, label, remedy=remedy), keep_empty=True)
     # A height in another unit, which no formula is of, would move nothing.
     moves = [n for n in map(str, recorded.rows) if n in recorded.needed or not n.startswith("drop_height")]
-    usable = list(dict.fromkeys([*moves, *_POSITIVE]))
+    usable = list(dict.fromkeys([*moves, *MOTION]))
     named = [in_whatever_case(name, usable) for name in map(str, cells)]
     # Of a column that stands there in two cases neither is the other.
     cells.columns = [new if named.count(new) == 1 else old for old, new in zip(cells, named, strict=True)]
@@ -282,10 +281,6 @@ def _text(value: object) -> str:
     return str(value).strip()
 
 
-def _is_number(name: str, recorded: Recorded) -> bool:
-    return name in _POSITIVE or (name in recorded.rows and name not in recorded.named)
-
-
 def _columns(cells: pd.DataFrame, usable: Sequence[str], label: str) -> Iterator[Problem]:
     """Columns that the run does not have."""
     for name in map(str, cells):
@@ -304,15 +299,21 @@ def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str
             wanted, hint = "", ""
             if has_control_characters(text):
                 wanted = "text on one line and without control characters"
-            elif text and _is_number(name, recorded):
-                wanted = _no_number(name, text)
-            elif text and known is not None and text not in known:
+            elif text and name in MOTION and not 0 < as_number(text) < SETTINGS.largest:
+                wanted = f"a number of {MOTION[name][1]} above 0 and below {SETTINGS.largest:g}"
+            elif text and _is_number(name, recorded) and not math.isfinite(as_number(text)):
+                wanted = "a number"
+            elif text and not _is_number(name, recorded) and known is not None and text not in known:
                 wanted = f"one of {', '.join(known[:8])}"
                 near = difflib.get_close_matches(text, known, n=1)
                 hint = f'Is it "{near[0]}"? ' if near else ""
             if wanted:
                 where = (label, int(row), name, text)
                 yield Problem.stated("prediction-table.cell", *where, wanted=wanted, hint=hint)
+
+
+def _is_number(name: str, recorded: Recorded) -> bool:
+    return name in MOTION or takes_number(name, recorded)
 
 
 def _heights(cells: pd.DataFrame, rows: np.ndarray, study: Study, label: str) -> Iterator[Problem]:
@@ -322,15 +323,3 @@ def _heights(cells: pd.DataFrame, rows: np.ndarray, study: Study, label: str) ->
         if wanted := unfit_height(study.recorded, stated, study.law.gravity):
             where = (label, int(row), DROP_HEIGHT, texts[DROP_HEIGHT])
             yield Problem.stated("prediction-table.cell", *where, wanted=wanted, hint="")
-
-
-def _no_number(name: str, text: str) -> str:
-    """What was expected of a cell that should hold a number; empty where it does."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if name in _POSITIVE:
-        good = 0 < value < SETTINGS.largest
-        return "" if good else f"a number of {_POSITIVE[name]} above 0 and below {SETTINGS.largest:g}"
-    return "" if math.isfinite(value) else "a number"

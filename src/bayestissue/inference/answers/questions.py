@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -190,7 +191,7 @@ def _answer(study: Study, question: Question) -> list[dict[str, Any]]:
             rows = _choice(study, node)
         else:
             posterior = draws_of(node, study)
-            prior, note = _prior(study, node)
+            prior, note = _before(study, node, partial(draws_of, node))
             rows = [_claim(posterior, prior, note) if node.claims else _number(study, node, posterior, prior)]
     except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
@@ -210,10 +211,18 @@ def _claim(posterior: xr.DataArray, prior: xr.DataArray | None, note: str) -> di
 
 
 def _number(study: Study, node: Node, posterior: xr.DataArray, prior: xr.DataArray | None) -> dict[str, Any]:
-    note = _never(node, posterior) or _largely_prior(posterior, prior)
+    notes, searched_up_to, overlap = [], "", np.nan
     if isinstance(node, Critical):
-        note = "; ".join(filter(None, [note, _beyond_fastest(study, node, posterior)]))
-    unit = unit_of(node, study.draws)
+        searched_up_to = f" up to {SETTINGS.fastest:g} m/s"
+        notes = [_beyond_fastest(study, node, posterior)]
+    if prior is not None:
+        overlap = prior_overlap(posterior.to_numpy(), prior.to_numpy())
+    # Of what a question asks the time, or the motion, of.
+    if never := float(np.isinf(posterior).mean()):
+        notes.insert(0, f"never{searched_up_to} in {100 * never:.3g} % of the draws")
+    elif overlap > MOSTLY:
+        notes.insert(0, f"largely prior: the two overlap by {100 * overlap:.0f} %")
+    unit, note = unit_of(node, study.draws), "; ".join(filter(None, notes))
     return _interval(posterior) | {"unit": unit, "draws": posterior.size, "note": note}
 
 
@@ -287,26 +296,18 @@ def _of_levels(study: Study, node: Node) -> list[Coded]:
     return list(dict.fromkeys(notes))
 
 
-def _prior(study: Study, node: Node) -> tuple[xr.DataArray | None, str]:
-    """Draws from the prior alone, or why there are none."""
-
-    def draws_in(before: Study) -> xr.DataArray:
-        if isinstance(node, Critical):
-            most = max(SETTINGS.tried_before // before.draws.sizes["chain"], 1)
-            step = -(-before.draws.sizes["draw"] // most)
-            before = replace(before, draws=before.draws.isel(draw=slice(None, None, step)))
-        return draws_of(node, before)
-
-    return _before(study, node, draws_in)
-
-
 def _before(
-    study: Study, node: Node, draws_in: Callable[[Study], xr.DataArray]
+    study: Study, node: Node, values: Callable[[Study], xr.DataArray]
 ) -> tuple[xr.DataArray | None, str]:
+    """The values in draws from the prior alone, or why there are none."""
     if study.prior is None:
         return None, Coded.stated("no-prior.run")
+    draws = study.prior
+    if isinstance(node, Critical):
+        most = max(SETTINGS.tried_before // draws.sizes["chain"], 1)
+        draws = draws.isel(draw=slice(None, None, -(-draws.sizes["draw"] // most)))
     try:
-        return draws_in(replace(study, draws=study.prior)), ""
+        return values(replace(study, draws=draws)), ""
     except KeyError:
         known = {str(name) for name in study.prior.data_vars}
         lacking = [q.name for q in node.quantities() if q.name not in (*known, *study.recorded.formulas)]
@@ -316,13 +317,6 @@ def _before(
         return None, Coded.stated("no-prior.slip", slip=slip.actual)
 
 
-def _never(node: Node, posterior: xr.DataArray) -> str:
-    """In how many draws that does not happen which a question asks the time, or the motion, of."""
-    share = float(np.isinf(posterior).mean())
-    tried = f" up to {SETTINGS.fastest:g} m/s" if isinstance(node, Critical) else ""
-    return f"never{tried} in {100 * share:.3g} % of the draws" if share else ""
-
-
 def _beyond_fastest(study: Study, node: Critical, posterior: xr.DataArray) -> str:
     """That a claim holds beyond the velocities that were measured, where its element's law is drawn out."""
     fastest = float(study.recorded.rows.get("velocity_m_s", pd.Series(dtype=float)).max())
@@ -330,11 +324,6 @@ def _beyond_fastest(study: Study, node: Critical, posterior: xr.DataArray) -> st
     share = float((posterior > measured).mean())
     limit = f"{general(float(measured))} {MOTION[node.column][1]}"
     return Coded.stated("beyond-measured.draws", percent=100 * share, limit=limit) if share else ""
-
-
-def _largely_prior(posterior: xr.DataArray, prior: xr.DataArray | None) -> str:
-    overlap = np.nan if prior is None else prior_overlap(posterior.to_numpy(), prior.to_numpy())
-    return f"largely prior: the two overlap by {100 * overlap:.0f} %" if overlap > MOSTLY else ""
 
 
 def _probability(claim: xr.DataArray) -> tuple[float, float, float]:

@@ -44,6 +44,7 @@ repeats, each in a condition of its own; where S leaves less than R, no number o
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +60,8 @@ from bayestissue.model.hierarchy.recorded import Recorded
 from bayestissue.model.hierarchy.responses import parameter_of, sd_impact
 
 TARGETS = (0.75, 0.9)
+# What two measurements are compared for; a repeat shares all levels with the first.
+FORMS = {"R": "repeat", "C": "consistency", "A": "agreement"}
 # Standard deviations of a normal about its mean that hold 95 % of it.
 SD_OF_95_PERCENT = 1.96
 _PERCENT = "%"
@@ -80,30 +83,25 @@ class Variances(NamedTuple):
     measurement: float
     k: float
 
-    def varies(self, *, agreement: bool) -> tuple[str, ...]:
-        """The groupings whose levels may differ between measurements."""
-        return (*self.within, *(self.agreement if agreement else ()))
+    def varying(self, form: str) -> Mapping[str, tuple[Drawn, float]]:
+        """The groups whose levels may differ between measurements compared by a form of `FORMS`."""
+        return {"R": {}, "C": self.within, "A": {**self.within, **self.agreement}}[form]
 
-    def repeat(self, *, averaged: bool = False) -> Drawn:
-        """Variance of one measurement, or of a mean of k, where all levels stay the same."""
-        return (self.impacts + self.measurement) / (self.k if averaged else 1)
-
-    def error(self, *, agreement: bool, averaged: bool = False) -> Drawn:
-        """Variance of one measurement, or of the mean of a person's, about the person's own value."""
-        groups = {**self.within, **(self.agreement if agreement else {})}.values()
+    def error(self, form: str, *, averaged: bool = False) -> Drawn:
+        """Variance of one measurement, or of the mean of k, about what those compared have in common."""
+        groups = self.varying(form).values()
         of_groups = [variance / (levels if averaged else 1) for variance, levels in groups]
-        return np.sum(of_groups, axis=0) + self.repeat(averaged=averaged)
+        return np.sum(of_groups, axis=0) + (self.impacts + self.measurement) / (self.k if averaged else 1)
 
-    def icc(self, *, agreement: bool, averaged: bool) -> Drawn:
+    def icc(self, form: str, *, averaged: bool = False) -> Drawn:
         """The intraclass correlation: squared correlation of what is measured and the person's own value."""
-        error = self.error(agreement=agreement, averaged=averaged)
-        return self.people / (self.people + self.shared + error)
+        return self.people / (self.people + self.shared + self.error(form, averaged=averaged))
 
-    def repeats(self, target: float, *, agreement: bool) -> Drawn:
+    def repeats(self, target: float, form: str) -> Drawn:
         """How many measurements have a mean of this ICC; a fraction, and infinite where none have."""
         left = self.people * (1 - target) - target * self.shared
         with np.errstate(divide="ignore"):
-            return np.where(left > 0, target * self.error(agreement=agreement) / np.maximum(left, 0), np.inf)
+            return np.where(left > 0, target * self.error(form) / np.maximum(left, 0), np.inf)
 
 
 def variances(
@@ -165,40 +163,33 @@ def coefficients(variances_of: Mapping[str, Variances], draws: xr.Dataset) -> li
 
 def _of_response(q: str, variances: Variances, draws: xr.Dataset) -> Iterator[Coefficient]:
     typical = draws[f"{q}_typical_person"].to_numpy()
-    known = bool((variances.people > 0).any())
-    forms = {"C": "consistency", "A": "agreement"}
-    varies = {letter: variances.varies(agreement=letter == "A") for letter in forms} | {"R": ()}
-    for letter, number in ((a, b) for b in ("1", "k") for a in forms) if known else ():
-        form = f"ICC({letter},{number})" + (f", k = {variances.k:g}" if number == "k" else "")
-        values = variances.icc(agreement=letter == "A", averaged=number == "k")
-        yield Coefficient(q, ICC, form, "1", f"ICC_{letter}{number}", values, varies[letter])
-    chain = np.full_like(typical, variances.measurement)
+    forms_of_icc = ("C", "A") if (variances.people > 0).any() else ()
+    varies = {form: tuple(variances.varying(form)) for form in FORMS}
+    for averaged, form in product((False, True), forms_of_icc):
+        number, k = ("k", f", k = {variances.k:g}") if averaged else ("1", "")
+        values = variances.icc(form, averaged=averaged)
+        yield Coefficient(
+            q, ICC, f"ICC({form},{number}){k}", "1", f"ICC_{form}{number}", values, varies[form]
+        )
+    for form, averaged in product(FORMS, (False, True) if variances.k > 1 else (False,)):
+        variance = variances.error(form, averaged=averaged)
+        words, short = FORMS[form] + f", means of {variances.k:g}" * averaged, form + "k" * averaged
+        if not averaged:
+            error = Coefficient(q, SEM, words, "", f"SEM_{short}", np.sqrt(variance), varies[form])
+            yield from error.of_units(typical)
+        detectable = SD_OF_95_PERCENT * np.sqrt(2 * variance)
+        change = Coefficient(q, MDC, words, "", f"MDC95_{short}", detectable, varies[form])
+        yield from change.of_units(typical)
     # Of a repeat's error: what the chain makes, and what the person does.
-    of_error = {"chain": ("measuring chain", chain), "person": ("person", variances.impacts)}
-    for letter, words in {"R": "repeat", **forms}.items():
-        for k in (1.0, variances.k) if variances.k > 1 else (1.0,):
-            one, averaged = k == 1, k > 1
-            variance = (
-                variances.repeat(averaged=averaged)
-                if letter == "R"
-                else variances.error(agreement=letter == "A", averaged=averaged)
-            )
-            form = words if one else f"{words}, means of {k:g}"
-            short = letter if one else f"{letter}k"
-            if one:
-                error = Coefficient(q, SEM, form, "", f"SEM_{short}", np.sqrt(variance), varies[letter])
-                yield from error.of_units(typical)
-            detectable = SD_OF_95_PERCENT * np.sqrt(2 * variance)
-            change = Coefficient(q, MDC, form, "", f"MDC95_{short}", detectable, varies[letter])
-            yield from change.of_units(typical)
-    for short, (form, variance) in of_error.items():
-        error = Coefficient(q, SEM, form, "", f"SEM_{short}", np.sqrt(variance))
-        yield from error.of_units(typical)
-    for letter in forms if known else ():
-        for target in TARGETS:
-            values = variances.repeats(target, agreement=letter == "A")
-            form, short = f"ICC({letter},k) of {target:g}", f"repeats_{letter}{100 * target:.0f}"
-            yield Coefficient(q, REPEATS, form, "1", short, values, varies[letter])
+    chain = np.full_like(typical, variances.measurement)
+    for short, words, variance in (
+        ("chain", "measuring chain", chain),
+        ("person", "person", variances.impacts),
+    ):
+        yield from Coefficient(q, SEM, words, "", f"SEM_{short}", np.sqrt(variance)).of_units(typical)
+    for form, target in product(forms_of_icc, TARGETS):
+        words, short = f"ICC({form},k) of {target:g}", f"repeats_{form}{100 * target:.0f}"
+        yield Coefficient(q, REPEATS, words, "1", short, variances.repeats(target, form), varies[form])
 
 
 def reliability(posterior: Sequence[Coefficient], prior: Sequence[Coefficient] = ()) -> pd.DataFrame:
