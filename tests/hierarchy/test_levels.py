@@ -10,7 +10,7 @@ from bayestissue.inference.results.labels import design_variables, labelled
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.group_terms import GroupTerm
-from bayestissue.model.hierarchy.levels import design_at, log_at_levels
+from bayestissue.model.hierarchy.levels import design_at
 from bayestissue.model.hierarchy.recorded import Recorded
 from designs import REFERENCE, design_of, impacts
 
@@ -47,7 +47,7 @@ def test_every_recorded_row_has_the_value_that_the_fit_gave_it(known) -> None:
     design, population, draws, recorded = known
     columns = ["subject", "trial", "side", "mass_kg", "age", "session"]
     conditions = [row | {"session": f"{row['session']}"} for row in recorded.rows[columns].to_dict("records")]
-    found = log_at_levels(draws, recorded, "K", conditions)
+    found = design_at(recorded, "K", conditions).log(draws)
     # The session's own slope needs the level's name and the covariate's number, which are not one column.
     assert_allclose(found, derived.row_logs(design, population, "K"), rtol=1e-9, atol=1e-9)
 
@@ -76,9 +76,9 @@ def test_a_variable_has_what_a_question_answers(known) -> None:
         "K_typical_person": [{}],
     }
     for name, conditions in asked.items():
-        found = log_at_levels(draws, recorded, "K", conditions)
+        found = design_at(recorded, "K", conditions).log(draws)
         assert_allclose(found, np.log(draws[name].to_numpy().reshape(found.shape)), rtol=1e-9)
-    both = log_at_levels(draws, recorded, "K", [{"side": name} for name in ("left", "right")])
+    both = design_at(recorded, "K", [{"side": name} for name in ("left", "right")]).log(draws)
     assert_allclose(np.log(draws["K_typical_person"]), both.mean(-1))
 
 
@@ -167,11 +167,11 @@ def test_a_new_level_has_an_effect_of_the_population(known) -> None:
         {"subject": ["s0"]},
     )
     plain = Recorded(recorded.rows, {"K": "(1|subject)"}, REFERENCE)
-    found = log_at_levels(wide, plain, "K", [{"subject": "x"}, {"subject": "x"}, {}, {"subject": "s0"}])
+    found = design_at(plain, "K", [{"subject": "x"}, {"subject": "x"}, {}, {"subject": "s0"}]).log(wide)
     assert found[..., 0].std() == pytest.approx(0.3, rel=3 / np.sqrt(2 * 8000))
     assert_allclose(found[..., 0], found[..., 1])
     assert not found[..., 2:].any()
-    drawn = log_at_levels(wide, plain, "K", [{}], new_levels=1)
+    drawn = design_at(plain, "K", [{}]).log(wide, new_levels=1)
     assert drawn.std() == pytest.approx(0.3, rel=3 / np.sqrt(2 * 8000))
 
 

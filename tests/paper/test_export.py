@@ -15,7 +15,7 @@ from PIL import Image
 
 import bayestissue as bt
 from bayestissue.inference.answers.law import Law
-from bayestissue.model.hierarchy.levels import log_at_levels
+from bayestissue.model.hierarchy.levels import design_at
 from bayestissue.reports.pages.wording import Spread
 from bayestissue.reports.paper.export import write_markdown, write_word
 from bayestissue.reports.paper.text import Text, text_of
@@ -171,7 +171,7 @@ def test_a_row_a_person_has_the_outcomes_of_the_reference_impact_on_each_side(fo
     person, M = finished.recorded.levels("subject")[1], finished.recorded.reference_mass_kg
     V = finished.recorded.rows["velocity_m_s"].mean()
     K, C = (
-        np.exp(log_at_levels(finished.draws, finished.recorded, q, [{"subject": person, "side": "left"}]))
+        np.exp(design_at(finished.recorded, q, [{"subject": person, "side": "left"}]).log(finished.draws))
         for q in ("K", "C")
     )
     omega, zeta = np.sqrt(K / M), C / np.sqrt(4 * K * M)

@@ -18,7 +18,7 @@ from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study, described_impacts
 from bayestissue.mechanics.elements import outcomes
-from bayestissue.model.hierarchy.levels import log_at_levels
+from bayestissue.model.hierarchy.levels import design_at
 from cases import cases
 from designs import contrasts, design_of, impacts, normal_draws
 from study_with_sides import SHAPE, study_with_sides
@@ -137,7 +137,7 @@ def test_what_all_impacts_of_a_level_share_goes_with_it_and_is_said() -> None:
 
 
 def K_and_C(study: Study, **condition: str) -> list[np.ndarray]:
-    logs = (log_at_levels(study.draws, study.recorded, q, [condition]) for q in ("K", "C"))
+    logs = (design_at(study.recorded, q, [condition]).log(study.draws) for q in ("K", "C"))
     return [np.exp(log).ravel() for log in logs]
 
 

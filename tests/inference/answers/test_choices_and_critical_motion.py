@@ -17,7 +17,7 @@ from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
 from bayestissue.mechanics.elements import outcomes
-from bayestissue.model.hierarchy.levels import log_at_levels
+from bayestissue.model.hierarchy.levels import design_at
 from cases import cases
 from study_with_sides import study_with_sides
 
@@ -32,7 +32,7 @@ def study() -> Study:
 def parameters(study: Study, *sides: str) -> dict[str, np.ndarray]:
     """K and C of a typical person on each side: [draw, side]."""
     conditions = [{"side": side} for side in sides]
-    logs = {q: log_at_levels(study.draws, study.recorded, q, conditions) for q in ("K", "C")}
+    logs = {q: design_at(study.recorded, q, conditions).log(study.draws) for q in ("K", "C")}
     return {q: np.exp(log).reshape(-1, len(sides)) for q, log in logs.items()}
 
 

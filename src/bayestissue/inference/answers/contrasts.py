@@ -137,19 +137,6 @@ class Contrast:
         return dict(weights)
 
 
-class InOutcomes(NamedTuple):
-    """Outcomes of the reference impact on every level that is compared.
-
-    Attributes:
-        compared: the contrasts that they serve.
-        outcomes: [chain, draw, condition], of `_weights`; none where there is no law, no velocity or nothing
-            to compare.
-    """
-
-    compared: list[Contrast]
-    outcomes: xr.Dataset
-
-
 @dataclass(frozen=True, eq=False)
 class Contrasts:
     """What the formulas let one compare, and each motion on the compared levels, simulated once."""
@@ -184,12 +171,15 @@ class Contrasts:
         }
 
     @cached_property
-    def in_outcomes(self) -> InOutcomes:
-        """All levels' motions in one go."""
+    def in_outcomes(self) -> tuple[list[Contrast], xr.Dataset]:
+        """Contrasts, and outcomes of the reference impact in their conditions, [chain, draw, condition].
+
+        None where there is no law, no velocity or nothing to compare.
+        """
         compared = self.all
         if not self.study.law.in_closed_form:
             compared = list(_within(compared, SETTINGS.simulated // SETTINGS.of_a_condition))
-        return InOutcomes(compared, self.study.of_reference_impact(_weights(compared)[0]))
+        return compared, self.study.of_reference_impact(_weights(compared)[0])
 
     def outcomes_at(self, levels: Sequence[Condition]) -> xr.Dataset:
         """`in_outcomes` of some levels; none where some were not simulated."""

@@ -150,14 +150,16 @@ def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorde
             before, after = (_values(sides, parameters, recorded) for parameters in (draws, moved))
         except (KeyError, QuestionError):  # of what is no parameter, such as coefficients of reliability
             continue
-        if len(sides) == 1 or not (before[1].all() and after[1].all()):
-            compared = [(before[0], after[0])]
-        else:
-            compared = [(before[0] - before[1], after[0] - after[1])]
-            compared += [(before[0] / before[1], after[0] / after[1])]
-        if not any(np.allclose(first, second, rtol=SETTINGS.changed) for first, second in compared):
+        pairs = zip(_comparable(before), _comparable(after), strict=False)
+        if not all(np.allclose(*pair, rtol=SETTINGS.changed) for pair in pairs):
             return True
     return False
+
+
+def _comparable(values: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """What is compared, and of two sides their difference and ratio."""
+    left, *others = values
+    return [left - right for right in others] + [left / right for right in others if right.all()] or [left]
 
 
 def _without_search(node: Node) -> Node:

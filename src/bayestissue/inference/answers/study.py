@@ -29,7 +29,7 @@ from bayestissue.mechanics.elements.head_injury import HEADFORM
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, REFERENCE_OUTCOMES
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.formulas.formula import reference_row
-from bayestissue.model.hierarchy.levels import log_at_levels
+from bayestissue.model.hierarchy.levels import design_at
 from bayestissue.model.hierarchy.recorded import Condition, Recorded, label_of
 from bayestissue.model.hierarchy.responses import parameter_of, sd_impact
 
@@ -124,7 +124,7 @@ class Study:
         conditions = [moving(condition, self.law.gravity) for condition in conditions]
         new = None if scatter is None else _NEW_LEVELS
         logs = {
-            name: log_at_levels(self.draws, self.recorded, name, conditions, new_levels=new)
+            name: design_at(self.recorded, name, conditions).log(self.draws, new_levels=new)
             for name in (self.law.parameters if names is None else names)
         }
         if scatter is not None:

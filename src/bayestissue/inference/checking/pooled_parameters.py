@@ -16,7 +16,7 @@ from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.mechanics.elements.element import Element
 from bayestissue.model.hierarchy.formulas.group_terms import GroupTerm, grouping_of, labels_of
-from bayestissue.model.hierarchy.levels import log_at_levels
+from bayestissue.model.hierarchy.levels import design_at
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
 from bayestissue.model.hierarchy.responses import RESPONSES, parameter_of, sd_impact
 
@@ -140,6 +140,6 @@ def _deviations(
     conditions: list[Condition] = [
         {column: values[row] for column, values in labels.items()} for row in range(len(rows))
     ]
-    expected = log_at_levels(draws, recorded, name, conditions)
+    expected = design_at(recorded, name, conditions).log(draws)
     z = (logs - expected) / draws[sd_impact(parameter)].to_numpy()[..., None]
     return logs.reshape(-1, len(rows)).T, z.reshape(-1, len(rows)).T

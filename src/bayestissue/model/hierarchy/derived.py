@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, TRIAL, common_coefficient, stem_of
-from bayestissue.model.hierarchy.levels import design_at, log_at_levels
+from bayestissue.model.hierarchy.levels import design_at
 from bayestissue.model.hierarchy.population import MASS_ERROR, EffectParts
 from bayestissue.model.hierarchy.recorded import Condition
 from bayestissue.model.hierarchy.responses import RESPONSES, intercept, sd_impact
@@ -96,8 +96,8 @@ def level_quantities(design: Design, quantities: Draws) -> dict[str, np.ndarray]
         for name in recorded.response(response).named_by:
             conditions_of[stem_of(name)] = [{name: level} for level in recorded.rows[name].drop_duplicates()]
         for stem, conditions in conditions_of.items():
-            values[f"{response}_{stem}"] = np.exp(log_at_levels(draws, recorded, response, conditions))
-        typical = log_at_levels(draws, recorded, response, [{}])
+            values[f"{response}_{stem}"] = np.exp(design_at(recorded, response, conditions).log(draws))
+        typical = design_at(recorded, response, [{}]).log(draws)
         values[f"{response}_typical_person"] = np.exp(typical[..., 0])
     return values
 

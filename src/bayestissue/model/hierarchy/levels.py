@@ -12,7 +12,7 @@ and q itself the median of impacts there. What is not given is
 - typical: an effect of 0 of a group's level, such as of a person or a session.
 
 But what follows from a given level (see `bayestissue.model.hierarchy.recorded`) has that level's value. There
-is no other way to a value: variables such as K_subject are `log_at_levels`, and so is all that is asked of a
+is no other way to a value: variables such as K_subject are `DesignAt.log`, and so is all that is asked of a
 fit (`bayestissue.inference.answers.study`).
 """
 
@@ -58,7 +58,13 @@ class DesignAt:
     def log(
         self, draws: xr.Dataset, new_levels: int | None = None
     ) -> Float[np.ndarray, "chain draw condition"]:
-        """The expected log of the response, for each draw; arguments as of `log_at_levels`."""
+        """The expected log of the response, for each draw.
+
+        Args:
+            draws: the group posterior or prior.
+            new_levels: None for typical levels of groups that are not given; a number for new ones, which is
+                also the seed of all new levels' effects.
+        """
         parameter, none = parameter_of(self.response), np.zeros(len(self.conditions))
         log = draws[intercept(parameter)].to_numpy()[..., None] + none
         for name, x in self.covariates.items():
@@ -105,6 +111,8 @@ def design_at(recorded: Recorded, response: str, conditions: Sequence[Condition]
         recorded: what was measured, and the formulas.
         response: "K", "C" or a further parameter of the element.
         conditions: what is given in each, by column: a category or the name of a level as text, or a number.
+            A level of a group that was not measured, alone or in its combination, is a new one of the same
+            population: its effect is drawn from N(0, s²), the same wherever it stands.
     """
     formula = recorded.response(response)
     complete = [recorded.completed(condition) for condition in conditions]
@@ -151,26 +159,3 @@ def _levels(
 
 def _level(term: GroupTerm, condition: Condition) -> str:
     return ":".join(label_of(condition.get(factor, "")) for factor in term.factors)
-
-
-def log_at_levels(
-    draws: xr.Dataset,
-    recorded: Recorded,
-    response: str,
-    conditions: Sequence[Condition],
-    *,
-    new_levels: int | None = None,
-) -> Float[np.ndarray, "chain draw condition"]:
-    """The expected log of a response in each condition, for each draw.
-
-    Args:
-        draws: the group posterior or prior.
-        recorded: what was measured.
-        response: "K", "C" or a further parameter of the element.
-        conditions: what is given in each, by column: a category or the name of a level as text, or a number.
-            A level of a group that was not measured, alone or in its combination, is a new one of the same
-            population: its effect is drawn from N(0, s²), the same wherever it stands.
-        new_levels: None for typical levels of groups that are not given; a number for new ones, which is also
-            the seed of all new levels' effects.
-    """
-    return design_at(recorded, response, conditions).log(draws, new_levels)

@@ -21,7 +21,7 @@ from numpyro.distributions import biject_to
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
-from bayestissue.model.hierarchy.levels import log_at_levels
+from bayestissue.model.hierarchy.levels import design_at
 from bayestissue.model.hierarchy.population import (
     EffectParts,
     heavier,
@@ -87,7 +87,7 @@ class PlannedModel(Hierarchy):
         population = dict(values) | derived.effects_by_name(self.locations, design, b)
         draws = derived.labelled_draws(design, derived.formula_quantities(design, population))
         draws = draws.assign_coords(chain=np.arange(b.shape[0]), draw=np.arange(b.shape[1]))
-        typical = {q: log_at_levels(draws, design.recorded, q, [{}])[..., 0] for q in RESPONSES}
+        typical = {q: design_at(design.recorded, q, [{}]).log(draws)[..., 0] for q in RESPONSES}
         with np.errstate(over="ignore"):
             return draws.assign(
                 {f"{q}_typical_person": (("chain", "draw"), np.exp(log)) for q, log in typical.items()}
