@@ -44,9 +44,10 @@ def critical_motion(node: Critical, study: Study, value: Value) -> Float[np.ndar
     Raises:
         QuestionError: the claim holds again at a greater velocity, or has no number at one.
     """
-    left, right = node.claim.operands
+    (claim,) = node.operands
+    left, right = claim.operands
     draws = (study.draws.sizes["chain"], study.draws.sizes["draw"])
-    sign = 1.0 if node.claim.symbol in ("<", "<=") else -1.0
+    sign = 1.0 if claim.symbol in ("<", "<=") else -1.0
 
     def difference(velocity: Float[np.ndarray, "*draw"], at: np.ndarray | None = None) -> np.ndarray:
         """Below 0 where the claim holds, [chain, draw]."""

@@ -118,13 +118,15 @@ class QuestionError(ValueError):
 class Node:
     """A part of a question; ``position`` counts the characters before it.
 
-    ``symbol`` is one of `CLAIMS`, `OF_ONE`, `OF_MANY` and + - * / ^, or empty of what has no ``operands``.
+    ``symbol`` is one of `CLAIMS`, `OF_ONE`, `OF_MANY` and + - * / ^, or empty of what has no ``operands``;
+    ``column`` is that of a choice or a search.
     """
 
     position: int
     depth: int = 1
     symbol: str = ""
     operands: tuple[Node, ...] = ()
+    column: str = ""
 
     @property
     def claims(self) -> bool:
@@ -141,8 +143,8 @@ class Node:
         """The quantities in it, from left to right."""
         return [part for part in self.parts() if isinstance(part, Quantity)]
 
-    def changed(self, change: Callable[[Node], Node], **columns: str) -> Node:
-        """Itself with each of its operands changed, and with other columns."""
+    def changed(self, change: Callable[[Node], Node]) -> Node:
+        """Itself with each of its operands changed."""
         return self
 
 
@@ -204,31 +206,23 @@ class Operation(Node):
     operands: tuple[Node, ...] = field()
     position: int
     depth: int = field()
+    column: str = ""
 
-    def changed(self, change: Callable[[Node], Node], **columns: str) -> Node:
+    def changed(self, change: Callable[[Node], Node]) -> Node:
         """See `Node.changed`."""
-        return replace(self, operands=tuple(map(change, self.operands)), **columns)  # type: ignore[arg-type]
+        return replace(self, operands=tuple(map(change, self.operands)))
 
 
 @dataclass(frozen=True)
 class Critical(Operation):
     """The greatest value of a column of the motion up to which a claim, the one operand, holds."""
 
-    column: str
-
-    @property
-    def claim(self) -> Node:
-        """The one operand."""
-        (claim,) = self.operands
-        return claim
-
 
 @dataclass(frozen=True)
 class Choice(Operation):
     """Which level of a column has the lowest, or highest, value of the one operand."""
 
-    column: str
-    lowest: bool
+    lowest: bool = True
 
 
 def parse(text: str) -> Node:

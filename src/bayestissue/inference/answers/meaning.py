@@ -31,6 +31,7 @@ from bayestissue.inference.answers.grammar import (
     Level,
     Node,
     Number,
+    Operation,
     Quantity,
     QuestionError,
 )
@@ -172,10 +173,9 @@ def as_recorded(node: Node, study: Study) -> Node:
     def changed(part: Node) -> Node:
         if isinstance(part, Quantity):
             return replace(part, levels=tuple(named(level, part.name) for level in part.levels))
-        of_column = isinstance(part, Choice | Critical)
-        return part.changed(
-            changed, **{"column": in_whatever_case(part.column, columns)} if of_column else {}
-        )
+        if isinstance(part, Operation):
+            part = replace(part, column=in_whatever_case(part.column, columns))
+        return part.changed(changed)
 
     return changed(node)
 
@@ -239,7 +239,7 @@ def _of_critical(node: Critical, recorded: Recorded) -> Iterator[QuestionError]:
     named = outcomes_in(node, recorded)
     if not named:
         expected = "a claim about an outcome, such as peak_force < 1500"
-        yield QuestionError(node.claim.position, "no outcome at stated levels", expected)
+        yield QuestionError(node.operands[0].position, "no outcome at stated levels", expected)
     for quantity in named:
         for level in quantity.levels:
             if level.column in ALONG:
