@@ -261,11 +261,11 @@ def read_conditions(table: str | Path | pd.DataFrame, study: Study) -> list[Cond
     for name in {*map(str, cells)} & {*recorded.named}:
         levels = recorded.levels(name)
         cells[name] = cells[name].map({text: alike(text, levels) for text in set(cells[name])})
-    if problems := [*_wrong(cells, rows, recorded, label), *_heights(cells, rows, study, label)]:
+    if problems := list(_slips(cells, rows, study, label)):
         raise InputError(problems)
     return [
         {
-            str(name): float(text) if _is_number(str(name), recorded) else text
+            str(name): float(text) if name in MOTION or takes_number(str(name), recorded) else text
             for name, text in zip(cells, texts, strict=True)
             if text
         }
@@ -292,34 +292,33 @@ def _columns(cells: pd.DataFrame, usable: Sequence[str], label: str) -> Iterator
             yield Problem.stated("prediction-table.column", label, 1, name, name, **numbers)
 
 
-def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str) -> Iterator[Problem]:
+def _slips(cells: pd.DataFrame, rows: np.ndarray, study: Study, label: str) -> Iterator[Problem]:
+    """Cells without a number or level that may stand there; heights that give no velocity or a second one."""
+    recorded = study.recorded
+
+    def slip(row: int, name: str, text: str, wanted: str, hint: str = "") -> Problem:
+        where = (label, int(row), name, text)
+        return Problem.stated("prediction-table.cell", *where, wanted=wanted, hint=hint)
+
     for name in map(str, cells):
         known = recorded.levels(name) if name in recorded.named and not recorded.may_be_new(name) else None
         for text, row in zip(cells[name], rows, strict=True):
-            wanted, hint = "", ""
             if has_control_characters(text):
-                wanted = "text on one line and without control characters"
-            elif text and name in MOTION and not 0 < as_number(text) < SETTINGS.largest:
-                wanted = f"a number of {MOTION[name][1]} above 0 and below {SETTINGS.largest:g}"
-            elif text and _is_number(name, recorded) and not math.isfinite(as_number(text)):
-                wanted = "a number"
-            elif text and not _is_number(name, recorded) and known is not None and text not in known:
-                wanted = f"one of {', '.join(known[:8])}"
+                yield slip(row, name, text, "text on one line and without control characters")
+            elif not text:
+                continue
+            elif name in MOTION:
+                if not 0 < as_number(text) < SETTINGS.largest:
+                    wanted = f"a number of {MOTION[name][1]} above 0 and below {SETTINGS.largest:g}"
+                    yield slip(row, name, text, wanted)
+            elif takes_number(name, recorded):
+                if not math.isfinite(as_number(text)):
+                    yield slip(row, name, text, "a number")
+            elif known is not None and text not in known:
                 near = difflib.get_close_matches(text, known, n=1)
                 hint = f'Is it "{near[0]}"? ' if near else ""
-            if wanted:
-                where = (label, int(row), name, text)
-                yield Problem.stated("prediction-table.cell", *where, wanted=wanted, hint=hint)
-
-
-def _is_number(name: str, recorded: Recorded) -> bool:
-    return name in MOTION or takes_number(name, recorded)
-
-
-def _heights(cells: pd.DataFrame, rows: np.ndarray, study: Study, label: str) -> Iterator[Problem]:
-    """Heights of fall that give no velocity, or give a second one."""
+                yield slip(row, name, text, f"one of {', '.join(known[:8])}", hint)
     for texts, row in zip(cells.to_dict("records"), rows, strict=True):
         stated = [str(name) for name, text in texts.items() if text]
-        if wanted := unfit_height(study.recorded, stated, study.law.gravity):
-            where = (label, int(row), DROP_HEIGHT, texts[DROP_HEIGHT])
-            yield Problem.stated("prediction-table.cell", *where, wanted=wanted, hint="")
+        if wanted := unfit_height(recorded, stated, study.law.gravity):
+            yield slip(row, DROP_HEIGHT, texts[DROP_HEIGHT], wanted)
