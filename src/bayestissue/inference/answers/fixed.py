@@ -151,7 +151,7 @@ def _changes(node: Node, draws: xr.Dataset, moved: xr.Dataset, recorded: Recorde
         except (KeyError, QuestionError):  # of what is no parameter, such as coefficients of reliability
             continue
         pairs = zip(_comparable(before), _comparable(after), strict=False)
-        if not all(np.allclose(*pair, rtol=SETTINGS.changed) for pair in pairs):
+        if not any(np.allclose(*pair, rtol=SETTINGS.changed) for pair in pairs):
             return True
     return False
 

@@ -97,7 +97,7 @@ class Law:
         whole = self._simulated(
             comes, parameters, {**motion, "velocity_m_s": np.where(moves, velocity, 1.0)}, SETTINGS.at_once
         )
-        return {name: np.where(moves, values, np.nan) for name, values in whole.items()}
+        return {name: np.where(moves, whole[name], np.nan) for name in names if name in whole}
 
     def loops(
         self, parameters: Values, motion: Values
