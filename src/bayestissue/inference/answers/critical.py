@@ -57,48 +57,39 @@ def critical_motion(node: Critical, study: Study, value: Value) -> Float[np.ndar
         moved = replace(study, draws=chosen, velocity_m_s=velocity)
         return (sign * (value(left, moved) - value(right, moved))).to_numpy()
 
-    def judged(ends: Float[np.ndarray, " end"], draw: np.ndarray) -> np.ndarray:
-        """The difference at each of some velocities, [chain, end, draw]."""
+    def bracketed(ends: Float[np.ndarray, " end"], draw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The two ends about the claim's in some draws, and the difference there, [side, chain, draw]."""
         velocity = np.broadcast_to(np.repeat(ends, len(draw)), (draws[0], len(ends) * len(draw)))
         of_all = difference(velocity, np.tile(draw, len(ends))).reshape(draws[0], len(ends), len(draw))
         holds = of_all < 0
         if (holds[:, 1:] & ~holds[:, :-1]).any():
             expected = f"a claim that holds up to one {node.column} and no longer above it"
             raise QuestionError(node.position, node.column, expected)
-        return of_all
+        last = holds.sum(axis=1) - 1
+        sides = np.clip([last, last + 1], 0, len(ends) - 1)
+        return ends[sides], np.stack([np.take_along_axis(of_all, n[:, None], axis=1)[:, 0] for n in sides])
 
-    def ends_at(between: tuple[float, float]) -> Float[np.ndarray, " end"]:
-        return np.geomspace(*between, SETTINGS.velocities)
+    def ends_at(low: float, high: float) -> Float[np.ndarray, " end"]:
+        return np.geomspace(low, high, SETTINGS.velocities)
 
     some = np.unique(np.linspace(0, draws[1] - 1, max(SETTINGS.tried // draws[0], 1)).astype(int))
     low, high = slowest, fastest = SETTINGS.slowest, SETTINGS.fastest
     for _ in range(3):
-        ends = ends_at((low, high))
-        count = (judged(ends, some) < 0).sum(axis=1)
+        sides, _ = bracketed(ends_at(low, high), some)
+        low, high = float(sides.min()), float(sides.max())
         # As far to either side again: other draws end beyond these.
-        first, last = max(int(count.min()) - 1, 0), min(int(count.max()), len(ends) - 1)
-        low, high = float(ends[first]), float(ends[last])
         low, high = max(low * low / high, slowest), min(high * high / low, fastest)
-    f_low, f_high = (difference(np.full(draws, end)) for end in (low, high))
-    V_low, V_high = np.full(draws, low), np.full(draws, high)
-    beyond = (~(f_low < 0) & (low > slowest)) | ((f_high < 0) & (high < fastest))
+    sides = np.stack([np.full(draws, end) for end in (low, high)])
+    f = np.stack([difference(velocity) for velocity in sides])
+    beyond = (~(f[0] < 0) & (low > slowest)) | ((f[1] < 0) & (high < fastest))
     if elsewhere := np.flatnonzero(beyond.any(axis=0)).tolist():
-        draw, ends = np.array(elsewhere), ends_at((slowest, fastest))
-        of_ends = judged(ends, draw)
-        count = (of_ends < 0).sum(axis=1)
-        for V, f, number in ((V_low, f_low, count - 1), (V_high, f_high, count)):
-            number = np.clip(number, 0, len(ends) - 1)
-            V[:, draw] = ends[number]
-            f[:, draw] = np.take_along_axis(of_ends, number[:, None], axis=1)[:, 0]
-    V = _solved(difference, (V_low, V_high), (f_low, f_high))
-    V = np.where(f_low < 0, np.where(f_high < 0, np.inf, V), 0.0)
+        sides[..., elsewhere], f[..., elsewhere] = bracketed(ends_at(slowest, fastest), np.array(elsewhere))
+    V = np.where(f[0] < 0, np.where(f[1] < 0, np.inf, _solved(difference, sides, f)), 0.0)
     return fall_height(V) if node.column == DROP_HEIGHT else V
 
 
 def _solved(
-    difference: Callable[[np.ndarray], np.ndarray],
-    velocities: tuple[np.ndarray, np.ndarray],
-    values: tuple[np.ndarray, np.ndarray],
+    difference: Callable[[np.ndarray], np.ndarray], velocities: np.ndarray, values: np.ndarray
 ) -> np.ndarray:
     """Where the difference is 0 between two velocities, by the Illinois method (Dowell and Jarratt 1971).
 

@@ -85,11 +85,9 @@ def _whole(name: str, parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 
 def pictured(contrasts: Contrasts) -> dict[str, list[Condition]]:
-    """The levels whose impacts are drawn, by factor; a typical person, under an empty name, where none is."""
-    few = {
-        name: levels for name, levels in contrasts.factors.items() if len(levels) <= SETTINGS.pictured_levels
-    }
-    return few or {"": [{}]}
+    """The levels whose impacts are drawn, by factor."""
+    factors = contrasts.factors.items()
+    return {name: levels for name, levels in factors if len(levels) <= SETTINGS.pictured_levels}
 
 
 def measured_motions(recorded: Recorded) -> list[dict[str, float]]:
@@ -111,7 +109,8 @@ def loops_table(contrasts: Contrasts) -> pd.DataFrame:
     motions = measured_motions(study.recorded)
     if not (study.law.everywhere and motions):
         return _whole("loops", [])
-    for factor, levels in pictured(contrasts).items():
+    # A typical person, under an empty name, where nothing is compared.
+    for factor, levels in (pictured(contrasts) or {"": [{}]}).items():
         pairs = list(product(motions, levels))
         loops = study.loops([{**level, **motion} for motion, level in pairs], _step(study, len(pairs)))
         known = xr.apply_ufunc(np.isfinite, loops).mean(DRAWN) >= SETTINGS.reached
@@ -153,9 +152,7 @@ def curves_table(contrasts: Contrasts) -> pd.DataFrame:
     inside = np.geomspace(least, most, SETTINGS.pictured_velocities - 2)
     velocities = np.unique([SETTINGS.beyond[0] * least, *inside, SETTINGS.beyond[1] * most])
     beyond = (least * (1 - SETTINGS.rounding), most * (1 + SETTINGS.rounding))
-    for factor, levels in contrasts.factors.items():
-        if len(levels) > SETTINGS.pictured_levels:
-            continue
+    for factor, levels in pictured(contrasts).items():
         conditions: list[Condition] = [
             {**level, "mass_kg": float(mass), "velocity_m_s": float(velocity)}
             for level, mass, velocity in product(levels, masses, velocities)

@@ -94,8 +94,7 @@ class Study:
         Args:
             names: of responses, further parameters of the element, and outcomes.
             conditions: what is given in each, by column; see `bayestissue.model.hierarchy.levels`. A height
-            of fall
-                along gravity is a velocity.
+                of fall along gravity is a velocity.
             step: one draw of so many of each chain.
         """
         names = list(names)
