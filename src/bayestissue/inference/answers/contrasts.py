@@ -423,12 +423,10 @@ def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
         )
         words = []
         for name in upper[0]:
-            values = ([labels.get(name) for labels in side] for side in (upper, lower))
-            pairs = set(zip(*values, strict=True))
-            if any(None in pair or pair[0] == pair[1] for pair in pairs):
-                continue
-            level, against = min(pairs)
-            words.append(f"{name} ({level} against {against})" if len(pairs) == 1 else name)
+            pairs = {(one.get(name), other.get(name)) for one, other in zip(upper, lower, strict=True)}
+            if all(None not in pair and pair[0] != pair[1] for pair in pairs):
+                level, against = min(pairs)
+                words.append(f"{name} ({level} against {against})" if len(pairs) == 1 else name)
         return f"{ALSO}{', '.join(words)}" if words else ""
 
     return [note(contrast) for contrast in compared]

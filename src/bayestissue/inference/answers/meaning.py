@@ -12,6 +12,7 @@ from __future__ import annotations
 import difflib
 import math
 import operator
+from collections import ChainMap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -66,12 +67,17 @@ def _columns_of(name: str, recorded: Recorded) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*motion, *(column for columns in terms for column in columns)]))
 
 
-def open_columns(quantity: Quantity, study: Study) -> list[str]:
-    """The columns or dimensions of which it has all levels; none of a variable before there are draws."""
+def open_levels(quantity: Quantity, study: Study) -> dict[str, list[str]]:
+    """The columns or dimensions that it gives no level of, with all levels that it has of each.
+
+    Of a variable there are none before there are draws.
+    """
     if is_response(quantity, study.recorded):
-        return [level.column for level in quantity.free]
+        conditions = conditions_of(quantity, study.recorded)
+        return {one.column: [str(at[one.column]) for at in conditions] for one in quantity.free}
     dims = study.draws[quantity.name].dims if study.draws else ()
-    return [str(name) for name in dims if name not in (*DRAWN, *quantity.given)]
+    left = [str(name) for name in dims if name not in (*DRAWN, *quantity.given)]
+    return {name: _labels(study.draws, name) for name in left}
 
 
 def condition_of(quantity: Quantity, recorded: Recorded) -> dict[str, str | float]:
@@ -139,10 +145,11 @@ def mistakes(node: Node, study: Study, *, within: bool = False) -> Iterator[Ques
     if isinstance(node, Quantity):
         errors = list(_of_quantity(node, study))
         yield from errors
-        if not errors and not within and (free := open_columns(node, study)):
-            expected = f"one level of {free[0]}, or {node.name} within {'(), '.join(OF_MANY)}()"
-            such = f"Such as {node.name}[{free[0]}=...] or mean({node.name}[{free[0]}])."
-            yield QuestionError(node.position, f"{node.name} of every {free[0]}", expected, such)
+        if not errors and not within and (free := open_levels(node, study)):
+            column = next(iter(free))
+            expected = f"one level of {column}, or {node.name} within {'(), '.join(OF_MANY)}()"
+            such = f"Such as {node.name}[{column}=...] or mean({node.name}[{column}])."
+            yield QuestionError(node.position, f"{node.name} of every {column}", expected, such)
     elif isinstance(node, Choice):
         yield from _of_choice(node, study)
     else:
@@ -199,12 +206,9 @@ def at_level(node: Node, column: str, value: str | None, position: int) -> Node:
 def alternatives(node: Choice, study: Study) -> dict[str, Node]:
     """What a choice compares: each level of its column, and the operand there."""
     (operand,) = node.operands
-    first = at_level(operand, node.column, None, node.position).quantities()[0]
-    if is_response(first, study.recorded):
-        labels = [str(condition[node.column]) for condition in conditions_of(first, study.recorded)]
-    else:
-        labels = _labels(study.draws, node.column) if study.draws else []
-    return {label: at_level(operand, node.column, label, node.position) for label in labels}
+    named = at_level(operand, node.column, None, node.position).quantities()
+    levels = ChainMap(*(open_levels(quantity, study) for quantity in named)).get(node.column, [])
+    return {label: at_level(operand, node.column, label, node.position) for label in levels}
 
 
 def _labels(draws: xr.Dataset, dimension: str) -> list[str]:
@@ -267,12 +271,7 @@ def _of_several(
     for quantity in (one for operand in operands for one in operand.quantities() if study.draws):
         if any(mistakes(quantity, study, within=True)):
             return
-        response = is_response(quantity, study.recorded)
-        conditions = conditions_of(quantity, study.recorded) if response else []
-        kinds |= {
-            (name, tuple(str(c[name]) for c in conditions) if response else tuple(_labels(study.draws, name)))
-            for name in open_columns(quantity, study)
-        }
+        kinds |= {(name, tuple(levels)) for name, levels in open_levels(quantity, study).items()}
     if len(kinds) > 1:
         actual = " and ".join(sorted(f"{len(levels)} of {name}" for name, levels in kinds))
         yield QuestionError(position, actual, f"the same levels throughout {symbol}()")
@@ -460,8 +459,7 @@ def _quantity_draws(quantity: Quantity, study: Study) -> xr.DataArray:
     values = study.at([quantity.name], conditions)[quantity.name]
     if not quantity.free:
         return values.isel(condition=0)
-    column = quantity.free[0].column
-    return values.rename(condition=column).assign_coords({column: [str(c[column]) for c in conditions]})
+    return values.rename(condition=quantity.free[0].column).assign_coords(open_levels(quantity, study))
 
 
 def require_motions(quantity: Quantity, study: Study, conditions: Sequence[Condition]) -> None:
