@@ -107,7 +107,7 @@ def predicted(
     rng = rng or np.random.default_rng(_SCATTER)
     held = np.array([study.holds(condition) for condition in conditions], bool)
     motion, headform = study.motion(conditions), study.law.headform
-    parameters = study.parameters(conditions, scatter=rng)
+    parameters = study.at(study.law.parameters, conditions, new=rng)
     simulated = parameters.isel(draw=slice(None, None, step))
     outcomes = study.outcomes(simulated, conditions) if held.any() else xr.Dataset()
     notes = _notes(study, conditions, outcomes, held)

@@ -88,53 +88,46 @@ class Study:
         """How many draws all chains have."""
         return int(self.draws.sizes["chain"] * self.draws.sizes["draw"])
 
-    def at(self, names: Iterable[str], conditions: Sequence[Condition], *, step: int = 1) -> xr.Dataset:
+    def at(
+        self,
+        names: Iterable[str],
+        conditions: Sequence[Condition],
+        *,
+        new: np.random.Generator | None = None,
+        step: int = 1,
+    ) -> xr.Dataset:
         """Responses and outcomes at given levels, [chain, draw, condition].
 
         Args:
             names: of responses, further parameters of the element, and outcomes.
             conditions: what is given in each, by column; see `bayestissue.model.hierarchy.levels`. A height
                 of fall along gravity is a velocity.
+            new: of the scatter of single impacts: then of a new impact each, levels that are not given being
+                new.
             step: one draw of so many of each chain.
         """
         names = list(names)
         outcomes = [name for name in names if name in HEADFORM_OUTCOMES]
         responses = [name for name in names if name not in outcomes]
         of_law = self.law.parameters if outcomes else ()
-        parameters = self.parameters(conditions, dict.fromkeys([*of_law, *responses]))
-        parameters = parameters.isel(draw=slice(None, None, step))
-        if not outcomes:
-            return parameters
-        return self.outcomes(parameters, conditions, outcomes).assign(parameters[responses])
-
-    def parameters(
-        self,
-        conditions: Sequence[Condition],
-        names: Iterable[str] | None = None,
-        scatter: np.random.Generator | None = None,
-    ) -> xr.Dataset:
-        """Parameters of the element in each condition, [chain, draw, condition].
-
-        Args:
-            conditions: as of `at`.
-            names: of the parameters; those of the law unless given.
-            scatter: of single impacts: then of a new impact each, levels that are not given being new.
-        """
-        conditions = [moving(condition, self.law.gravity) for condition in conditions]
-        new = None if scatter is None else _NEW_LEVELS
+        moved = [moving(condition, self.law.gravity) for condition in conditions]
         logs = {
-            name: design_at(self.recorded, name, conditions).log(self.draws, new_levels=new)
-            for name in (self.law.parameters if names is None else names)
+            name: design_at(self.recorded, name, moved).log(self.draws, None if new is None else _NEW_LEVELS)
+            for name in (*of_law, *responses)
         }
-        if scatter is not None:
-            noise = scatter.standard_normal((len(logs), *logs["K"].shape))
+        if new is not None:
+            noise = new.standard_normal((len(logs), *logs["K"].shape))
             if "residual_correlation" in self.draws:
                 r = self.draws["residual_correlation"].to_numpy()[..., None]
                 noise[1] = r * noise[0] + np.sqrt(1 - r**2) * noise[1]
             for name, standard in zip(logs, noise, strict=True):
                 logs[name] += self.draws[sd_impact(parameter_of(name))].to_numpy()[..., None] * standard
         values = {name: ((*DRAWN, "condition"), np.exp(log)) for name, log in logs.items()}
-        return xr.Dataset(values, {name: self.draws[name].to_numpy() for name in DRAWN})
+        parameters = xr.Dataset(values, {name: self.draws[name].to_numpy() for name in DRAWN})
+        parameters = parameters.isel(draw=slice(None, None, step))
+        if not outcomes:
+            return parameters
+        return self.outcomes(parameters, conditions, outcomes).assign(parameters[responses])
 
     def outcomes(
         self,
@@ -163,7 +156,7 @@ class Study:
 
     def loops(self, conditions: Sequence[Condition], step: int) -> xr.Dataset:
         """Force over depth at given levels and motions, [chain, draw, condition, place]: see `Law.loops`."""
-        parameters = self.parameters(conditions).isel(draw=slice(None, None, step))
+        parameters = self.at(self.law.parameters, conditions, step=step)
         of_law = {str(name): values.to_numpy() for name, values in parameters.items()}
         loops = self.law.loops(of_law, self.motion(conditions))
         return xr.Dataset({name: ((*DRAWN, "condition", "place"), way) for name, way in loops.items()})
@@ -220,7 +213,7 @@ class Study:
         """The first note of `deeper` of impacts at these levels, at the medians of their parameters."""
         if self._reached is None:
             return []
-        typical = self.parameters(conditions).median(DRAWN).expand_dims(DRAWN)
+        typical = self.at(self.law.parameters, conditions).median(DRAWN).expand_dims(DRAWN)
         depths = self.outcomes(typical, conditions, ["peak_depth"])["peak_depth"][0, 0].to_numpy()
         of_each = (self.deeper(*pair) for pair in zip(conditions, depths, strict=True))
         return next(filter(None, of_each), [])
