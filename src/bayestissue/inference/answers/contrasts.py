@@ -334,7 +334,8 @@ def _of_levels(column: str, levels: Sequence[str]) -> list[Contrast]:
 
 def _of_interaction(recorded: Recorded, names: Sequence[str]) -> Iterator[Contrast]:
     """Ratios of the ratios between levels of one column at the levels of another, at each of a third."""
-    levels, shared = {name: recorded.levels(name) for name in names}, [{}]
+    levels = {name: recorded.levels(name) for name in names}
+    shared: list[dict[str, str]] = [{}]
     if len(names) > 2:
         third = max(names, key=lambda name: _stays(recorded, name))
         shared = [{third: label} for label in _ordered(levels.pop(third))]

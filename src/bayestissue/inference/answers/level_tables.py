@@ -151,7 +151,7 @@ def curves_table(contrasts: Contrasts) -> pd.DataFrame:
     least, most = float(rows["velocity_m_s"].min()), float(rows["velocity_m_s"].max())
     inside = np.geomspace(least, most, SETTINGS.pictured_velocities - 2)
     velocities = np.unique([SETTINGS.beyond[0] * least, *inside, SETTINGS.beyond[1] * most])
-    beyond = (least * (1 - SETTINGS.rounding), most * (1 + SETTINGS.rounding))
+    low, high = least * (1 - SETTINGS.rounding), most * (1 + SETTINGS.rounding)
     for factor, levels in pictured(contrasts).items():
         conditions: list[Condition] = [
             {**level, "mass_kg": float(mass), "velocity_m_s": float(velocity)}
@@ -159,12 +159,12 @@ def curves_table(contrasts: Contrasts) -> pd.DataFrame:
         ]
         outcomes = study.at(REFERENCE_OUTCOMES, conditions, step=_step(study, len(conditions)))
         at = pd.DataFrame(conditions)
-        V = at["velocity_m_s"]
+        V = at["velocity_m_s"].to_numpy(float)
         at = at.assign(
             factor=factor,
             level=[label_of(condition[factor]) for condition in conditions],
             drop_height_cm=fall_height(V) if study.law.gravity else np.nan,
-            beyond=(~V.between(*beyond)).astype(int),
+            beyond=((low > V) | (V > high)).astype(int),
             draws=outcomes.sizes["chain"] * outcomes.sizes["draw"],
         )
         tables += [

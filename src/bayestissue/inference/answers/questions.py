@@ -211,7 +211,8 @@ def _claim(posterior: xr.DataArray, prior: xr.DataArray | None, note: str) -> di
 
 
 def _number(study: Study, node: Node, posterior: xr.DataArray, prior: xr.DataArray | None) -> dict[str, Any]:
-    notes, searched_up_to, overlap = [], "", np.nan
+    notes: list[str] = []
+    searched_up_to, overlap = "", np.nan
     if isinstance(node, Critical):
         searched_up_to = f" up to {SETTINGS.fastest:g} m/s"
         notes = [_beyond_fastest(study, node, posterior)]

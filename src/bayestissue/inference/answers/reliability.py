@@ -85,7 +85,7 @@ class Variances(NamedTuple):
 
     def varying(self, form: str) -> Mapping[str, tuple[Drawn, float]]:
         """The groups whose levels may differ between measurements compared by a form of `FORMS`."""
-        return {"R": {}, "C": self.within, "A": {**self.within, **self.agreement}}[form]
+        return {**(self.within if form != "R" else {}), **(self.agreement if form == "A" else {})}
 
     def error(self, form: str, *, averaged: bool = False) -> Drawn:
         """Variance of one measurement, or of the mean of k, about what those compared have in common."""
