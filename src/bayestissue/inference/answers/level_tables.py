@@ -164,7 +164,7 @@ def curves_table(contrasts: Contrasts) -> pd.DataFrame:
             factor=factor,
             level=[label_of(condition[factor]) for condition in conditions],
             drop_height_cm=fall_height(V) if study.law.gravity else np.nan,
-            beyond=((low > V) | (V > high)).astype(int),
+            beyond=((low > V) | (high < V)).astype(int),
             draws=outcomes.sizes["chain"] * outcomes.sizes["draw"],
         )
         tables += [
