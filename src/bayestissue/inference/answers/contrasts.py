@@ -342,7 +342,7 @@ def _of_interaction(recorded: Recorded, names: Sequence[str]) -> Iterator[Contra
     pairs = [_pairs(name, known) for name, known in levels.items()]
     if math.prod(map(len, pairs)) > SETTINGS.compared:
         pairs = [_pairs(name, known, most=0) for name, known in levels.items()]
-    if math.prod(map(len, [*pairs, shared])) <= SETTINGS.compared:
+    if math.prod(map(len, pairs)) * len(shared) <= SETTINGS.compared:
         for compared, at in product(product(*pairs), shared):
             yield Contrast((*levels, *at), compared, [at])
 

@@ -177,7 +177,8 @@ def _comparisons(node: Node) -> Iterator[tuple[Node, ...]]:
             yield from _comparisons(operand)
         return
     first, *others = node.operands if node.claims else (node,)
-    for sides in [(first, second) for second in others] or [(first,)]:
+    pairs: list[tuple[Node, ...]] = [(first, second) for second in others]
+    for sides in pairs or [(first,)]:
         # What is largest or least may be the same in draws that are near each other.
         several = any(part.symbol in ("max", "min") for side in sides for part in side.parts())
         if not several and _quantities(sides):

@@ -130,7 +130,7 @@ class Law:
             return {name: result[: len(columns[0])] for name, result in results.items()}
 
         rows = tuple(np.broadcast_to(values, shape) for values in every)
-        return in_parts(of_part, rows, size, len(shape))  # type: ignore[no-any-return]
+        return in_parts(of_part, rows, size, len(shape))
 
 
 def moving(condition: Condition, gravity: float) -> Condition:

@@ -212,7 +212,7 @@ def alternatives(node: Choice, study: Study) -> dict[str, Node]:
 
 
 def _labels(draws: xr.Dataset, dimension: str) -> list[str]:
-    return draws[dimension].astype(str).to_numpy().tolist()  # type: ignore[no-any-return]
+    return draws[dimension].astype(str).to_numpy().tolist()
 
 
 def _of_choice(node: Choice, study: Study) -> Iterator[QuestionError]:
