@@ -299,8 +299,7 @@ def require_answerable(prepared: Prepared, specification: ModelSpecification, so
     from bayestissue.inference.answers.questions import of_model, require_readable
     from bayestissue.inference.answers.study import Study
 
-    before = Study(xr.Dataset(), prepared.design.recorded)
-    require_readable(of_model(specification.questions, source), before)
+    require_readable(of_model(specification.questions, source), Study(xr.Dataset(), prepared.design.recorded))
 
 
 class EarlierRun(NamedTuple):
