@@ -61,7 +61,7 @@ def test_the_best_level_has_its_probability_rank_and_loss(study: Study) -> None:
 
 
 def test_levels_that_a_draw_has_equal_share_it(study: Study) -> None:
-    answers = ask(study, numbered(["best(side, lowest max(K, 1e9 * K[side=left]))"]))
+    answers = ask(study, numbered(["best(side, lowest max(1e9 * K[side=left], K))"]))
     assert answers["posterior"].tolist() == [0.5, 0.5]
     assert answers["expected_loss"].tolist() == [0.0, 0.0]
 
