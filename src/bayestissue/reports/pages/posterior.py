@@ -106,12 +106,10 @@ def levels(run: PosteriorRun) -> list[Levels]:
 def sureness(run: PosteriorRun) -> list[dict[str, str]]:
     """For K and for C: the relative half-widths of the intervals and the spreads, as text.
 
-    Of K_secant, in place of a K that is the element's own, that of these impacts ``together``.
+    Of K_secant, in place of a K that is the element's own, none.
     """
-    if run.has(TOGETHER):
-        together = relative(spread(run.draws(TOGETHER)).factor)
-        return [{"quantity": OWN_DEPTH, "together": together}, _sureness(run, "C")]
-    return [_sureness(run, quantity) for quantity in QUANTITIES]
+    alone = {"quantity": OWN_DEPTH}
+    return [alone if q == "K" and run.has(TOGETHER) else _sureness(run, q) for q in QUANTITIES]
 
 
 def _sureness(run: PosteriorRun, quantity: str) -> dict[str, str]:
@@ -211,7 +209,7 @@ def exponent_figure(run: PosteriorRun, quantity: str = "K") -> Figure:
 
 def effects_figure(run: PosteriorRun, quantity: str, level: str) -> Figure:
     """Each person's (``level`` "subject") or condition's ("trial") effect on K or C, in % of the typical."""
-    kind = {"subject": "person", "trial": "condition"}[level]
+    kind, _ = group_words(level)
     return intervals(
         quantiles(100 * np.expm1(run.draws(f"{level}_effect_{quantity}")), run.labels(level)),
         f"{quantity} off the typical {kind} (%)",
