@@ -20,11 +20,11 @@ from bayestissue.reports.pages.fit.answers import person_words
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.method_agreement import evenly_spaced
 from bayestissue.reports.pages.fit.study_answers import FIRST_OUTCOME as FIRST
-from bayestissue.reports.pages.fit.study_answers import impact_words, leading_levels
+from bayestissue.reports.pages.fit.study_answers import leading_levels
 from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.page_tables import Field, over, table_of
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.wording import Spread, likelihood_words, probability, said
+from bayestissue.reports.pages.wording import Spread, probability, said
 
 
 def factors(run: FitRun) -> list[str]:
@@ -52,7 +52,7 @@ def _compared(run: FitRun, factor: str) -> dict[str, Any]:
         if q in known
     ]
     levels = table_of(leading_levels(run)[factor], *fields)
-    return {"factor": factor, "best": _best(factor, rows[rows["quantity"] == FIRST]), "table": levels}
+    return {"factor": factor, "best": _best(rows[rows["quantity"] == FIRST]), "table": levels}
 
 
 def _cell(by: dict[tuple[str, str], dict[Any, Any]], quantity: str, level: str) -> Markup:
@@ -61,35 +61,14 @@ def _cell(by: dict[tuple[str, str], dict[Any, Any]], quantity: str, level: str) 
     return over(shown.value, shown.range)
 
 
-def _best(factor: str, outcome: pd.DataFrame) -> dict[str, str]:
-    """The level of the least force, how probable that is, and by which question; empty without outcomes."""
+def _best(outcome: pd.DataFrame) -> dict[Any, Any]:
+    """The row of the level of the least force, and ``others``: the next and the last; empty without rows."""
     if outcome.empty:
         return {}
     first, *others = outcome.sort_values("p_lowest", ascending=False, kind="stable").to_dict("records")
-    likely = likelihood_words(first["p_lowest"])
-    motion = [float(first[name]) for name in ("mass_kg", "velocity_m_s")]
-    stated = "mass_kg={:.4g}, velocity_m_s={:.4g}".format(*motion)
-    return {
-        "level": first["level"],
-        "likely": likely,
-        "probability": probability(first["p_lowest"]),
-        "value": f"{Spread.of(first).value} {first['unit']}, {Spread.of(first).range}",
-        "impact": impact_words(*motion),
-        "more": _more(first, others),
-        "question": f"best({factor}, lowest peak_depth[{stated}])",
-        "averaged": str(first["note"]),
-    }
-
-
-def _more(first: dict[Any, Any], others: list[dict[Any, Any]]) -> str:
-    """How much more force the next and the last have."""
     ordered = sorted(others, key=lambda row: row["median"])
     ends = [ordered[0], ordered[-1]] if len(ordered) > 1 else ordered
-    parts = [
-        f"{row['level']} {100 * (row['median'] / first['median'] - 1):+.0f}\N{NO-BREAK SPACE}%"
-        for row in ends
-    ]
-    return ", ".join(parts).replace("-", "−")
+    return first | {"spread": Spread.of(first), "others": ends}
 
 
 def quantity_title(quantity: str) -> str:
