@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.reports.pages.fit import explorer, trace_predictions
+from bayestissue.reports.pages.fit import trace_predictions
 from bayestissue.reports.pages.fit.words import sentence
 from make_fit_run import fit_run
 from page_reader import unpacked
@@ -52,7 +52,7 @@ EACH_IS_DRAWN = ".every(chart => chart.querySelector('svg.marks, canvas'))"
 
 def test_what_is_carried_of_a_recording_is_it_to_half_a_step(run) -> None:
     table = run.impacts_table
-    data = unpacked(explorer.packed_impacts(run, table))
+    data = unpacked(trace_predictions.packed_impacts(run, table))
     (length,) = struct.unpack("<I", data[:4])
     header = json.loads(data[4 : 4 + length])
     low, high = np.frombuffer(data[4 + length :], np.uint8).reshape(2, -1).astype(int)
@@ -77,8 +77,8 @@ def test_what_is_carried_of_a_recording_is_it_to_half_a_step(run) -> None:
 
 def test_where_recordings_are_too_many_some_are_carried_and_the_page_says_so(run, monkeypatch) -> None:
     assert sentence("carried", run) == ""
-    monkeypatch.setattr(explorer, "MOST_VALUES", 3 * 22 * 6)
-    assert len(explorer.carried(run)) == 3
+    monkeypatch.setattr(trace_predictions, "MOST_VALUES", 3 * 22 * 6)
+    assert len(trace_predictions.carried(run)) == 3
     assert "Recordings of 3 of 12 impacts" in sentence("carried", run)
 
 

@@ -81,8 +81,9 @@ def goal_name(goal: str) -> str:
     return goal.replace("_", " ")
 
 
-def _share(goal: Mapping[str, Any]) -> str:
-    return with_error(goal["answered"], goal["se"])
+def _share(goal: Mapping[str, Any], *, bold: bool) -> str:
+    words = with_error(goal["answered"], goal["se"])
+    return Markup("<strong>{}</strong>").format(words) if bold else words
 
 
 def settings(plan: Mapping[str, Any], *keys: str) -> Table:
@@ -107,8 +108,7 @@ def along(content: Mapping[str, Any], axis: str) -> Table:
                 rows.setdefault(variant["people"], variant["goals"])
 
     def cell(value: Any, goal: str) -> str:
-        share = _share(rows[value][goal])
-        return Markup("<strong>{}</strong>").format(share) if value == chosen[axis] else share
+        return _share(rows[value][goal], bold=value == chosen[axis])
 
     goals = list(chosen["goals"])
     titles = {name: goal_name(name) if len(goals) > 1 else "answers" for name in goals}
@@ -188,21 +188,14 @@ def people_and_repeats(
 
 def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
     """A row for each design and goal; the chosen design is marked."""
-
-    def share(row: Mapping[str, Any]) -> str:
-        words = _share(row)
-        return Markup("<strong>{}</strong>").format(words) if row["answered"] >= wanted else words
-
-    return shown(
-        "designs",
-        designs if len(set(designs["goal"])) > 1 else designs.assign(goal=""),
-        fields={
-            "design": Field(
-                "design", lambda row: f"{row['design']:.0f}{' ◂' if row['design'] == chosen else ''}"
-            ),
-            "answered": Field("assurance", share, "number"),
-        },
-    )
+    marks = {
+        "design": Field(
+            "design", lambda row: f"{row['design']:.0f}{' ◂' if row['design'] == chosen else ''}"
+        ),
+        "answered": Field("assurance", lambda row: _share(row, bold=row["answered"] >= wanted), "number"),
+    }
+    several = len(set(designs["goal"])) > 1
+    return shown("designs", designs if several else designs.assign(goal=""), fields=marks)
 
 
 def gains_table(content: Mapping[str, Any]) -> Table:
@@ -234,8 +227,10 @@ def power_table(content: Mapping[str, Any]) -> Table:
     chosen = content["designs"][content["chosen"] - 1]["goals"]
     truth = content["variants"]["one truth"]["goals"]
     return table_of(
-        list(truth),
-        Field("goal", goal_name),
-        Field("assurance", lambda name: _share(chosen[name]), "number"),
-        Field("power at one truth", lambda name: _share(truth[name]), "number"),
+        [
+            {"goal": name, **chosen[name], "power": goal["answered"], "of": goal["se"]}
+            for name, goal in truth.items()
+        ],
+        *declared_fields("designs", ("goal", "answered")),
+        Field("power at one truth", "± .2", of=["power", "power_se"]),
     )

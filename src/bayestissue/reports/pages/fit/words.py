@@ -10,7 +10,7 @@ from bayestissue.reports.pages import answers_page, posterior
 from bayestissue.reports.pages.page import written
 
 _MODULES = (
-    *("answers", "checks", "explorer", "figures", "groups", "level_outcomes"),
+    *("answers", "checks", "figures", "groups", "level_outcomes"),
     *("method_agreement", "study_answers", "trace_predictions", "usual"),
 )
 
