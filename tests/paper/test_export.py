@@ -119,8 +119,8 @@ def test_nothing_is_claimed_where_no_element_describes_the_recordings(run: bt.Fi
 
 def test_names_are_shown_and_not_obeyed(tmp_path: Path) -> None:
     odd = "<script>alert(1)</script> *a* `b` [c](http://d) &lt; _e_ K_new\n# no heading"
-    text = Text(odd, table=pd.DataFrame([[odd.replace("\n", " "), "a|b"]], columns=["", "K"]))
-    text.add("Methods", f"{odd} was hit: log(mass_kg) + (1|subject), p < 0.05 [1, 2].")
+    methods = {"Methods": [f"{odd} was hit: log(mass_kg) + (1|subject), p < 0.05 [1, 2]."]}
+    text = Text(odd, methods, pd.DataFrame([[odd.replace("\n", " "), "a|b"]], columns=["", "K"]))
     write_markdown(text, tmp_path / "text.md")
     write_word(replace(text, title=odd + "x" * 300), tmp_path / "text.docx")
     shown = r"\<script>alert(1)\</script> \*a\* \`b\` [c\](http://d) \&lt; \_e\_ K_new # no heading"
