@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -155,6 +155,7 @@ _NUMBERS: dict[str, Callable[..., str]] = {
 }
 
 
+@cache
 def _words_of(form: str) -> Callable[..., str]:
     """What writes a form: digits as "3", decimals as ".3", "± .2" with an error, or "{:g} %", in braces."""
     if form in _TEXTS or form in _NUMBERS:
