@@ -58,8 +58,7 @@ class Text:
         return f"[{', '.join(str(self.references.index(text) + 1) for text in texts)}]"
 
 
-# Headings, each with the macro that writes what stands under it; where no element describes the traces, none
-# but the first are known.
+# Headings, each with the macro that writes what stands under it.
 _SECTIONS = {
     "Measurements": "measurements",
     "Model": "model",
@@ -69,7 +68,6 @@ _SECTIONS = {
     "Repeatability": "repeatability",
     "What the model can't tell": "limits",
 }
-_UNDESCRIBED = 4
 
 
 def text_of(run: FitRun, asked: Study | None = None) -> Text:
@@ -81,7 +79,7 @@ def text_of(run: FitRun, asked: Study | None = None) -> Text:
     text = Text(f"Methods and results: {run.record['dataset']}", nouns=run.nouns)
     used: dict[str, Any] = {"text": sys.modules[__name__], "said": sentence, "paragraphs_of": sentences}
     further = {"computation": text.cite, "repeatability": text.cite, "results": asked}
-    for heading, macro in list(_SECTIONS.items())[: _UNDESCRIBED if run.undescribed else None]:
+    for heading, macro in _SECTIONS.items():
         values = [further[macro]] if macro in further else []
         if paragraphs := written("methods", macro, run, *values, **used, **modules()):
             text.sections[heading] = [run.nouns(words) for words in paragraphs]
