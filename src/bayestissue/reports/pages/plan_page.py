@@ -228,7 +228,7 @@ def power_table(content: Mapping[str, Any]) -> Table:
     truth = content["variants"]["one truth"]["goals"]
     return table_of(
         [
-            {"goal": name, **chosen[name], "power": goal["answered"], "of": goal["se"]}
+            {"goal": name, **chosen[name], "power": goal["answered"], "power_se": goal["se"]}
             for name, goal in truth.items()
         ],
         *declared_fields("designs", ("goal", "answered")),
