@@ -21,12 +21,12 @@ RECIPE = re.compile(r"^ *<!-- recipe: (\S+) -->\n *```(python|diff)\n(.*?)^ *```
 TRIED = """
 import numpy as np
 
-from bayestissue.mechanics.elements.element import complete, deceleration_of
+from bayestissue.mechanics.elements.element import Collision
 from bayestissue.mechanics.elements.library import element
 found = element("depth_damped")
-p = complete(found, {"K": 3000.0, "C": 20.0, "damping_depth_m": 0.01}, None)
+met = Collision.of(found, {"K": 3000.0, "C": 20.0, "damping_depth_m": 0.01}, 2.0, 1.0)
 y = np.array([0.01, 1.0])
-print("element", found.name, round(float(deceleration_of(found, p, 2.0, y)), 6))
+print("element", found.name, round(met.deceleration(y).item(), 6))
 
 from bayestissue.recordings.dataset.formats import FORMATS
 read = FORMATS[".f64"].read(np.array([1000.0, 0.0, 5.0, 1.0]).tobytes(), "a.f64").channels["signal"]

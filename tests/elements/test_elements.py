@@ -18,7 +18,7 @@ from element_values import (
 )
 
 from bayestissue.mechanics.elements import element, element_names, impact, linear, outcomes, solver
-from bayestissue.mechanics.elements.element import Collision, complete
+from bayestissue.mechanics.elements.element import Collision
 from tissues import hertz
 
 pytestmark = pytest.mark.slow
@@ -66,9 +66,8 @@ def test_flight_before_and_after_contact_is_free(name: str, gravity: float) -> N
         np.testing.assert_allclose(moved[both], ((made.v[:, 1:] + made.v[:, :-1]) / 2)[both], rtol=1e-9)
 
 
-@partial(jax.jit, static_argnames=("name", "count"))
-def even_grid(name: str, p: Any, mass: Any, velocity: Any, *times: Any, count: int) -> Any:
-    collision = Collision(element(name), p, mass, velocity)
+@partial(jax.jit, static_argnames="count")
+def even_grid(collision: Collision, *times: Any, count: int) -> Any:
     return (linear if collision.element.linear else solver).even_grid(collision, *times, count)
 
 
@@ -85,10 +84,10 @@ _ALONG = [
 @pytest.mark.parametrize(("name", "gravity"), _ALONG)
 def test_even_grid_of_the_likelihood_is_the_same_path(name: str, gravity: np.ndarray | None) -> None:
     which, count = element(name), TIME.shape[1]
-    values = {key: np.full(3, value) for key, value in VALUES[name].items()}
     peak = np.asarray(outcomes(name, VALUES[name], MASS, VELOCITY).time_to_peak)
     dt, first = peak / (count - 1), peak / (count - 1) * np.array([0.0, 0.4, 1.0])
-    y = even_grid(name, complete(which, values, None, gravity), MASS, VELOCITY, first, dt, count=count)
+    met = Collision.of(which, VALUES[name], MASS, VELOCITY, gravity=gravity)
+    y = even_grid(met, first, dt, count=count)
     time = first[:, None] + dt[:, None] * np.arange(count)
     made = impact(name, VALUES[name], MASS, VELOCITY, time, gravity=gravity)
     tolerance = EXACT if which.linear else SOLVED
@@ -99,14 +98,14 @@ def test_even_grid_of_the_likelihood_is_the_same_path(name: str, gravity: np.nda
 def test_hertz_force_follows_the_balls_diameter() -> None:
     which = element("hunt_crossley")
     for diameter in (0.0254, 0.0318, 0.0381):
-        p = complete(which, VALUES["hunt_crossley"], diameter)
+        p = Collision.of(which, VALUES["hunt_crossley"], 1.0, 1.0, diameter=diameter).parameters
         force = which.force(jnp.array([0.004]), jnp.array([0.5]), (), p)
         np.testing.assert_allclose(force, hertz(VALUES["hunt_crossley"], 0.004, 0.5, diameter), rtol=1e-12)
 
 
 def test_wall_grows_on_behind_itself_without_a_seam() -> None:
     which, edge = element("wall"), 0.95 * 0.03
-    p = complete(which, VALUES["wall"], None)
+    p = Collision.of(which, VALUES["wall"], 1.0, 1.0).parameters
 
     def spring(x: jax.Array) -> jax.Array:
         return which.force(x, 0.0 * x, (), p)
@@ -154,9 +153,9 @@ def test_an_absurd_impact_leaves_the_others_their_motion(name):
     first = next(iter(sound))
     absurd = sound | {first: np.array([1.0, 1e200, 1.0]) * sound[first]}
     count = TIME.shape[1]
-    times = MASS, VELOCITY, np.full(3, 5e-5), np.full(3, 0.02 / count)
+    times = np.full(3, 5e-5), np.full(3, 0.02 / count)
     among, alone = (
-        np.asarray(even_grid(name, complete(made, each, None), *times, count=count))[:, [0, 2]]
+        np.asarray(even_grid(Collision.of(made, each, MASS, VELOCITY), *times, count=count))[:, [0, 2]]
         for each in (absurd, sound)
     )
     np.testing.assert_allclose(among, alone, rtol=1e-9, atol=1e-12 * np.abs(alone).max())

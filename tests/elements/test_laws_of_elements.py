@@ -17,7 +17,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.testing import assert_allclose
 
 from bayestissue.mechanics.elements import element
-from bayestissue.mechanics.elements.element import Outcomes, complete
+from bayestissue.mechanics.elements.element import Collision, Outcomes
 from bayestissue.mechanics.elements.outcomes import outcomes_of
 
 pytestmark = pytest.mark.slow
@@ -83,7 +83,7 @@ class Impacts(NamedTuple):
 @jax.jit
 def all_outcomes(impacts: dict[str, Impacts]) -> dict[str, Outcomes]:
     return {
-        name: outcomes_of(element(name), complete(element(name), p, diameter, gravity), mass, velocity)
+        name: outcomes_of(Collision.of(element(name), p, mass, velocity, diameter=diameter, gravity=gravity))
         for name, (p, mass, velocity, diameter, gravity) in impacts.items()
     }
 

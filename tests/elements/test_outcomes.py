@@ -21,8 +21,9 @@ def test_closed_forms_of_spring_and_damper_are_the_solved_path() -> None:
     zeta = np.array([1e-3, 0.05, 0.2, 0.45, 0.5, 0.55, 0.8, 0.999, 1.0, 1.001, 1.5, 3.0])
     mass, K, V = (np.full(zeta.shape, value) for value in (0.8, 3000.0, 1.5))
     which, p = element("kelvin_voigt"), {"K": jnp.asarray(K), "C": jnp.asarray(2 * zeta * np.sqrt(mass * K))}
-    path = jax.jit(lambda p: _of_path(Path.solved(Collision(which, p, mass, V))))(p)
-    closed = outcomes_of(which, p, mass, V)
+    collision = Collision(which, p, jnp.asarray(mass), jnp.asarray(V))
+    path = jax.jit(lambda collision: _of_path(Path.solved(collision)))(collision)
+    closed = outcomes_of(collision)
     for name in closed._fields:
         if name in LONGEST:
             continue

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +14,7 @@ from scipy.signal import bessel, butter, sosfilt, sosfiltfilt
 from bayestissue.mechanics.elements import element, impact
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.model.likelihood.element.recorder import LowPass
-from bayestissue.model.likelihood.element.response import response
+from bayestissue.model.likelihood.element.response import collision_of, response
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import ahead_s, decay, modes
 
@@ -61,7 +63,9 @@ def record(first_time: float, low_pass: LowPass, cells: int = 0) -> Deceleration
     return record_of(still, first_time, DT, VELOCITY, mass=0.5, contact=contact, low_pass=low_pass)
 
 
-answered = jax.jit(response, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
+def answered(which, parameters, recorded):
+    return response(collision_of(which, parameters, recorded), recorded)
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ def density(measured: MeasuredImpact) -> jax.Array:
 def test_motion_is_the_simulated_one() -> None:
     wall = two_impacts("wall").measured
     record, names = wall.record, [each.name for each in wall.element.parameters]
-    found = jax.jit(lambda: motion(wall.element, wall.parameters, record, record.velocity))()
+    found = jax.jit(lambda: motion(wall.collision, record))()
     values: dict[str, Any] = dict(zip(names, wall.parameters, strict=True))
     expected = impact("wall", values, record.mass, record.velocity, record.time())
     for own, other, atol in ((found.x, expected.x, 1e-8), (found.v, expected.v, 1e-6)):

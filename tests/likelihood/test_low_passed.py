@@ -12,7 +12,7 @@ from scipy.signal import bessel, butter, freqs
 from bayestissue.mechanics.elements import element
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
 from bayestissue.model.likelihood.element.recorder import Flow, LowPass
-from bayestissue.model.likelihood.element.response import motion, response
+from bayestissue.model.likelihood.element.response import collision_of, motion, response
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import delay, modes
 
@@ -57,9 +57,9 @@ def record(
     return record_of(still, first_time, DT, VELOCITY, mass=MASS, contact=contact, low_pass=filters)
 
 
-compiled = jax.jit(response, static_argnums=0)
 PARAMETERS = jnp.array([[K], [C]])
 TISSUE = element("kelvin_voigt")
+compiled = jax.jit(lambda record: response(collision_of(TISSUE, PARAMETERS, record), record))
 
 
 @pytest.mark.parametrize("recorder", FILTERS, ids=str)
@@ -100,13 +100,13 @@ def test_an_impact_behind_a_filter_is_the_closed_form(recorder):
     peak = closed_form(recorder, np.arange(80) * DT).max()
     # Beyond the samples a forward and backward filter has the impact for `lead` more, and then nothing.
     tail = np.exp(modes(recorder)[0].real.max() * lead * DT) if lead else 0.0
-    found = compiled(TISSUE, PARAMETERS, record(first, given, samples))
+    found = compiled(record(first, given, samples))
     expected = closed_form(recorder, first + np.arange(samples) * DT)
     np.testing.assert_allclose(found.d[0], expected, atol=(1e-6 + tail) * peak)
     np.testing.assert_allclose(found.by_velocity[0], expected / VELOCITY, atol=(1e-6 + tail) * peak)
     anywhere = Contact.anywhere(np.zeros((1, lead + 4)), np.zeros(1))
     cells = record(first, given, samples, anywhere)
-    fine = compiled(TISSUE, PARAMETERS, cells)
+    fine = compiled(cells)
     time = (np.arange(fine.d.shape[1]) + 0.5) * DT / 2 - lead * DT
     inside = time < 40 * DT
     np.testing.assert_allclose(
@@ -119,9 +119,8 @@ def test_an_impact_behind_a_filter_is_the_closed_form(recorder):
 
 def test_the_motion_is_in_flight_until_contact():
     given = low_pass(FILTERS[3], lead=20)
-    found = jax.jit(motion, static_argnums=0)(
-        TISSUE, PARAMETERS, record(-2.5 * DT, given, 10), jnp.array([VELOCITY])
-    )
+    flown = record(-2.5 * DT, given, 10)
+    found = jax.jit(motion)(collision_of(TISSUE, PARAMETERS, flown), flown)
     since = (np.arange(10) - 2.5) * DT
     np.testing.assert_allclose(found.x[0, :3], VELOCITY * since[:3])
     np.testing.assert_allclose(found.d[0, :3], 0)

@@ -72,9 +72,9 @@ def whole(given: MeasuredImpact, delta: Array, error: Array) -> Whole:
     return _whole(given.element, given.parameters, given.record, delta, error)
 
 
-@partial(jax.jit, static_argnums=0)
-def _motion(which: Element, parameters: Array, record: DecelerationRecord) -> Any:
-    return motion(which, parameters, record, record.velocity)
+@jax.jit
+def _motion(given: MeasuredImpact) -> Any:
+    return motion(given.collision, given.record)
 
 
 def as_discrepancy(
@@ -83,7 +83,7 @@ def as_discrepancy(
     """A tissue's impacts as spring and damper, with all that these lack of it as discrepancy."""
     true = outcomes(tissue, values, MASS, VELOCITY, gravity=gravity)
     given = measured("kelvin_voigt", SIDE_BY_SIDE, np.asarray(true.time_to_peak), gravity=gravity)
-    own = _motion(given.element, given.parameters, given.record)
+    own = _motion(given)
     all_of_it = impact(tissue, values, MASS, VELOCITY, given.record.time(), gravity=gravity).deceleration
     return given, whole(given, all_of_it - own.d, NONE)
 

@@ -16,7 +16,7 @@ from bayestissue.base.errors import Coded
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.execution.compiling import in_parts
 from bayestissue.mechanics.elements import element
-from bayestissue.mechanics.elements.element import GRAVITY
+from bayestissue.mechanics.elements.element import GRAVITY, Collision
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, outcomes_of
 from bayestissue.mechanics.elements.whole_impact import loops_of
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
@@ -89,8 +89,8 @@ class Law:
         velocity = motion["velocity_m_s"]
         moves = velocity > 0
 
-        def comes(p: dict[str, Array], M: Array, V: Array) -> dict[str, Array]:
-            outcomes = outcomes_of(element(self.element), p, M, V, headform=self.headform)
+        def comes(collision: Collision) -> dict[str, Array]:
+            outcomes = outcomes_of(collision, headform=self.headform)
             values = {name: getattr(outcomes, name) for name in names}
             return {name: one for name, one in values.items() if one is not None}
 
@@ -104,14 +104,14 @@ class Law:
     ) -> dict[str, Float[np.ndarray, "*draw condition place"]]:
         """Force over depth, by the attributes of `elements.whole_impact.Loop`; else as `outcomes`."""
 
-        def loop(p: dict[str, Array], M: Array, V: Array) -> dict[str, Array]:
-            return loops_of(element(self.element), p, M, V, SETTINGS.places)._asdict()
+        def loop(collision: Collision) -> dict[str, Array]:
+            return loops_of(collision, SETTINGS.places)._asdict()
 
         return self._simulated(loop, parameters, motion, SETTINGS.loops_together)
 
     def _simulated(
         self,
-        simulate: Callable[[dict[str, Array], Array, Array], dict[str, Array]],
+        simulate: Callable[[Collision], dict[str, Array]],
         parameters: Values,
         motion: Values,
         size: int,
@@ -126,7 +126,8 @@ class Law:
         def of_part(*columns: np.ndarray) -> dict[str, Array]:
             # The last part is filled up with what stands in it already.
             *values, M, V = (jnp.asarray(np.resize(column, size)) for column in columns)
-            results = simulate(dict(zip(p, values, strict=True)), M, V)
+            collision = Collision(element(self.element), dict(zip(p, values, strict=True)), M, V)
+            results = simulate(collision)
             return {name: result[: len(columns[0])] for name, result in results.items()}
 
         rows = tuple(np.broadcast_to(values, shape) for values in every)

@@ -22,7 +22,7 @@ from bayestissue.inference.quantities.whole import (
     whole_impact,
 )
 from bayestissue.mechanics.elements import Element, Outcomes, element, element_names
-from bayestissue.mechanics.elements.element import GRAVITY, inertia
+from bayestissue.mechanics.elements.element import GRAVITY, Collision
 from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, MEASURED, outcomes_of
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.trace_models import (
@@ -152,17 +152,24 @@ class Impacts:
         return whole_impact(self.measured, self.discrepancy, self.velocity_error)
 
     @cached_property
+    def collision(self) -> Collision | None:
+        """The impacts at their true mass and velocity; None where no velocity is recorded."""
+        record = self.data.record
+        if self.velocity_error is None or record.velocity is None:
+            return None
+        p, velocity = self.parameters | record.surroundings, record.velocity + self.velocity_error
+        return Collision(self.element, p, self.mass, velocity)
+
+    @cached_property
     def outcomes(self) -> Outcomes | None:
         """What each impact comes to; None where no velocity is recorded.
 
         Beside a discrepancy the measured motion tells peaks and secant stiffness, and the rest is the
         element's own.
         """
-        record = self.data.record
-        if self.velocity_error is None or record.velocity is None:
+        if self.collision is None:
             return None
-        p, velocity = self.parameters | record.surroundings, record.velocity + self.velocity_error
-        of_element = outcomes_of(self.element, p, self.mass, velocity, headform=self.model.headform)
+        of_element = outcomes_of(self.collision, headform=self.model.headform)
         if self.whole is None:
             return of_element
         heavier = jnp.exp(self.mass_error)
@@ -189,22 +196,17 @@ class Impacts:
         """The parameters of each trace's noise by name."""
         return trace_likelihood(self.model, self.data, self.u).noise_quantities()
 
-    @cached_property
-    def inertia(self) -> Column:
-        """M, and with it what tissue moves along [kg]."""
-        return inertia(self.element, self.parameters, self.mass)
-
     def omega_n(self) -> Column:
         """(K / M)^1/2 [rad/s], K being K_secant and M all that moves."""
-        if self.side_by_side or self.outcomes is None:
+        if self.side_by_side or self.collision is None or self.outcomes is None:
             return self.physical.omega_n
-        return jnp.sqrt(self.outcomes.K_secant / self.inertia)
+        return jnp.sqrt(self.outcomes.K_secant / self.collision.inertia)
 
     def zeta(self) -> Column:
         """C / (2 (K M)^1/2), K being K_secant, C C_equivalent and M all that moves."""
-        if self.side_by_side or self.outcomes is None:
+        if self.side_by_side or self.collision is None or self.outcomes is None:
             return self.physical.zeta
-        return self.outcomes.C_equivalent / (2 * jnp.sqrt(self.outcomes.K_secant * self.inertia))
+        return self.outcomes.C_equivalent / (2 * jnp.sqrt(self.outcomes.K_secant * self.collision.inertia))
 
 
 def _comparable(impacts: Impacts, name: str) -> Array | None:

@@ -7,6 +7,7 @@ tissue's law, not the depth.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -14,7 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M, Element, Parameters, inertia
+from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M, Element, Parameters
 from bayestissue.model.likelihood.element.impact import MeasuredImpact
 from bayestissue.model.likelihood.element.response import motion
 
@@ -64,7 +65,8 @@ def whole_impact(
         velocity_error: of the velocity at contact [m/s].
     """
     record = measured.record
-    element_motion = motion(measured.element, measured.parameters, record, record.velocity + velocity_error)
+    collision = replace(measured.collision, velocity=record.velocity + velocity_error)
+    element_motion = motion(collision, record)
     slower, nearer = integrals(delta, record.first_time, record.step())
     x, v, a = element_motion.x - nearer, element_motion.v - slower, element_motion.d + delta
     last = jnp.argmin(jnp.where(record.inside(), jnp.abs(v), jnp.inf), axis=1)[:, None]
@@ -98,8 +100,7 @@ def whole_impact(
         for values, end in ((x, peak), (v, jnp.zeros_like(peak)), (a, most))
     )
     x, v, a = until
-    names = (parameter.name for parameter in measured.element.parameters)
-    moves = inertia(measured.element, dict(zip(names, measured.parameters, strict=True)), mass)
+    moves = collision.inertia
     damping = -moves * (steeper / (most - fall))[:, 0]
     force = moves[:, None] * a - (moves - mass)[:, None] * fall
     return Whole(x, v, force, peak[:, 0], time[:, 0], mass * greatest, damping)
@@ -161,9 +162,7 @@ def whole_at_common_depth(measured: MeasuredImpact, whole: Whole, depth: Column)
         whole: what that returned.
         depth: x_c [m].
     """
-    element, record = measured.element, measured.record
-    names = (parameter.name for parameter in element.parameters)
-    arguments = {**dict(zip(names, measured.parameters, strict=True)), **record.surroundings}
+    element, arguments = measured.element, measured.collision.parameters
     columns = {name: value[:, None] for name, value in arguments.items()}
     here, most = _viscous(element, columns, whole.x), _viscous(element, columns, whole.peak[:, None])
     share = jnp.where(most > 0, here / jnp.where(most > 0, most, 1.0), 1.0)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
@@ -15,7 +17,7 @@ from scipy.constants import g as standard_gravity
 # The middle one of the thesis's three wooden balls.
 REFERENCE_DIAMETER_M = 0.0318
 
-Parameters = Mapping[str, Array]
+Parameters = dict[str, Array]
 States = tuple[Array, ...]
 Law = Callable[[Array, Array, States, Parameters], Array]
 
@@ -151,7 +153,7 @@ class Element:
         linear: whether force and rates are linear in x, v and s.
         added_mass: of tissue that moves along with the impactor from contact on [kg], from the parameters;
             None where all tissue is without mass. ``force`` is the tissue's own, on both together: the
-            impactor feels less of it, see `deceleration_of`.
+            impactor feels less of it, see `Collision.deceleration`.
         jumps: whether the force jumps at contact, as a damper between impactor and ground makes it. Where it
             does not, a recording does not show when contact was.
         level_outcomes: of an impact without gravity along its motion, from the parameters, M and V, where
@@ -180,23 +182,13 @@ class Element:
         return self.parameters[2:]
 
 
-def complete(
-    element: Element, parameters: Parameters, diameter: ArrayLike | None, gravity: ArrayLike | None = None
-) -> dict[str, Array]:
-    """Parameters as arrays, with the impactor's diameter beside them, and gravity where there is any.
-
-    Raises:
-        KeyError: a parameter of the element is missing, or one is not the element's.
-    """
-    expected = {parameter.name for parameter in element.parameters}
-    if set(parameters) != expected:
-        raise KeyError(f"{element.name} has the parameters {sorted(expected)}, not {sorted(parameters)}")
-    size = REFERENCE_DIAMETER_M if diameter is None else diameter
-    surroundings = {"diameter_m": size} | ({} if gravity is None else {GRAVITY: gravity})
-    return {k: jnp.asarray(v, float) for k, v in {**parameters, **surroundings}.items()}
-
-
-class Collision(NamedTuple):
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["parameters", "mass", "velocity"],
+    meta_fields=["element"],
+)
+@dataclass(frozen=True)
+class Collision:
     """Impactors that meet an element.
 
     Attributes:
@@ -211,10 +203,63 @@ class Collision(NamedTuple):
     mass: Float[Array, " impact"]
     velocity: Float[Array, " impact"]
 
+    @classmethod
+    def of(
+        cls,
+        element: Element,
+        parameters: Mapping[str, ArrayLike],
+        mass: ArrayLike,
+        velocity: ArrayLike,
+        *,
+        diameter: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+        shape: tuple[int, ...] = (1,),
+    ) -> Collision:
+        """Of numbers and arrays that broadcast, with each other and to ``shape``.
+
+        Args:
+            element: what they meet.
+            parameters: of the element, by name.
+            mass: M [kg].
+            velocity: V at contact [m/s].
+            diameter: of the impactor [m]; the reference diameter unless given.
+            gravity: g, the part of gravity along the motion [m/s^2]; none unless given.
+            shape: how many impacts there are at the least.
+
+        Raises:
+            KeyError: a parameter of the element is missing, or one is not the element's.
+        """
+        expected = {parameter.name for parameter in element.parameters}
+        if set(parameters) != expected:
+            raise KeyError(f"{element.name} has the parameters {sorted(expected)}, not {sorted(parameters)}")
+        surroundings = {"diameter_m": REFERENCE_DIAMETER_M if diameter is None else diameter}
+        surroundings |= {} if gravity is None else {GRAVITY: gravity}
+        values = {**parameters, **surroundings, "mass": mass, "velocity": velocity}
+        arrays = {name: jnp.asarray(value, float) for name, value in values.items()}
+        shape = jnp.broadcast_shapes(shape, *(value.shape for value in arrays.values()))
+        p = {name: jnp.broadcast_to(value, shape) for name, value in arrays.items()}
+        return cls(element, mass=p.pop("mass"), velocity=p.pop("velocity"), parameters=p)
+
+    @property
+    def gravity(self) -> Array | float:
+        """The impactor's acceleration while nothing pushes: g along the motion [m/s^2]."""
+        return self.parameters.get(GRAVITY, 0.0)
+
+    @property
+    def inertia(self) -> Array:
+        """M + m [kg]: the impactor and the tissue that moves along with it."""
+        added_mass = self.element.added_mass
+        return self.mass if added_mass is None else self.mass + added_mass(self.parameters)
+
+    @property
+    def impactor_share(self) -> Array | float:
+        """M / (M + m), 1 where no tissue moves along: the velocity just after contact over that before it."""
+        return 1.0 if self.element.added_mass is None else self.mass / self.inertia
+
     def columns(self) -> Collision:
         """The same beside times along a last axis."""
-        parameters = {name: value[:, None] for name, value in self.parameters.items()}
-        return Collision(self.element, parameters, self.mass[:, None], self.velocity[:, None])
+        columns: Collision = jax.tree.map(lambda value: value[:, None], self)
+        return columns
 
     def at_contact(self) -> Array:
         """Y just after contact at V: everything at rest but what moves, at V M / (M + m).
@@ -222,53 +267,26 @@ class Collision(NamedTuple):
         The impactor takes the added mass along at once, as in a collision without restitution.
         """
         still = jnp.zeros_like(self.velocity)
-        begins = impactor_share(self.element, self.parameters, self.mass) * self.velocity
+        begins = self.impactor_share * self.velocity
         return jnp.stack([still, begins, *(still for _ in range(self.element.states))])
 
     def rates(self, y: Array) -> Array:
-        """See `rates_of_motion`."""
-        return rates_of_motion(self.element, self.parameters, self.mass, y)
+        """dy/dt with (M + m) x'' = M g - F for y = (x, v, internal lengths) on the first axis.
+
+        Tissue carries its own weight before contact, so that gravity pulls on the impactor alone.
+        """
+        x, v, s = y[0], y[1], tuple(y[2:])
+        acceleration = self.impactor_share * (self.gravity - self.tissue_force_over_mass(y))
+        return jnp.stack([v, acceleration, *self.element.rates(x, v, s, self.parameters)])
+
+    def tissue_force_over_mass(self, y: Array) -> Array:
+        """F / M [m/s^2]: what a sensor below the tissue reads, over the impactor's mass."""
+        return self.element.force(y[0], y[1], tuple(y[2:]), self.parameters) / self.mass
 
     def deceleration(self, y: Array) -> Array:
-        """See `deceleration_of`."""
-        return deceleration_of(self.element, self.parameters, self.mass, y)
+        """The force on the impactor over its mass, g - x'' [m/s^2]: a sensor reads it, 0 in free fall.
 
-
-def falling(p: Parameters) -> Array | float:
-    """The impactor's acceleration while nothing pushes: g along the motion [m/s^2]."""
-    return p.get(GRAVITY, 0.0)
-
-
-def inertia(element: Element, p: Parameters, mass: Array) -> Array:
-    """M + m [kg]: the impactor and the tissue that moves along with it."""
-    return mass if element.added_mass is None else mass + element.added_mass(p)
-
-
-def impactor_share(element: Element, p: Parameters, mass: Array) -> Array | float:
-    """M / (M + m), 1 where no tissue moves along: the velocity just after contact over that before it."""
-    return 1.0 if element.added_mass is None else mass / inertia(element, p, mass)
-
-
-def rates_of_motion(element: Element, p: Parameters, mass: Array, y: Array) -> Array:
-    """dy/dt with (M + m) x'' = M g - F for y = (x, v, internal lengths) on the first axis.
-
-    Tissue carries its own weight before contact, so that gravity pulls on the impactor alone.
-    """
-    x, v, s = y[0], y[1], tuple(y[2:])
-    share = impactor_share(element, p, mass)
-    acceleration = share * (falling(p) - element.force(x, v, s, p) / mass)
-    return jnp.stack([v, acceleration, *element.rates(x, v, s, p)])
-
-
-def tissue_force_over_mass(element: Element, p: Parameters, mass: Array, y: Array) -> Array:
-    """F / M [m/s^2]: what a sensor below the tissue reads, over the impactor's mass."""
-    return element.force(y[0], y[1], tuple(y[2:]), p) / mass
-
-
-def deceleration_of(element: Element, p: Parameters, mass: Array, y: Array) -> Array:
-    """The force on the impactor over its mass, g - x'' [m/s^2]: what a sensor reads that is 0 in free fall.
-
-    F / M where no tissue moves along, else (F / M) M / (M + m) + g m / (M + m).
-    """
-    share = impactor_share(element, p, mass)
-    return share * tissue_force_over_mass(element, p, mass, y) + (1 - share) * falling(p)
+        F / M where no tissue moves along, else (F / M) M / (M + m) + g m / (M + m).
+        """
+        share = self.impactor_share
+        return share * self.tissue_force_over_mass(y) + (1 - share) * self.gravity

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from scipy.constants import g as standard_gravity
 
 from bayestissue.mechanics.elements import linear, solver
-from bayestissue.mechanics.elements.element import Collision, falling
+from bayestissue.mechanics.elements.element import Collision
 
 # What a run calls an impactor that stands for a head.
 HEADFORM = "headform"
@@ -84,7 +84,7 @@ def pulse_of(collision: Collision, end: Float[Array, " impact"], nodes: solver.N
     else:
         y = solver.at_times(nodes, time)
     columns = collision.columns()
-    return Pulse(end, y[1] - falling(columns.parameters) * time, columns.deceleration(y))
+    return Pulse(end, y[1] - columns.gravity * time, columns.deceleration(y))
 
 
 def head_injury(pulse: Pulse) -> dict[str, Float[Array, " impact"]]:

@@ -5,12 +5,14 @@ Gravity along the motion is a constant beside the state: a last entry that stays
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.mechanics.elements.element import GRAVITY, Collision, impactor_share, rates_of_motion
+from bayestissue.mechanics.elements.element import GRAVITY, Collision
 
 # (1/2)^14 / 14! is below rounding, and 2^40 times rounding is all that could be asked for.
 _ORDER = 14
@@ -27,16 +29,14 @@ def transition(
     Times are in units of t itself, so that all entries of the exponent are of one kind: (omega_n t)^2,
     2 zeta omega_n t and time over relaxation time.
     """
-    element, p, mass, _ = collision
-    size = 2 + element.states
-    shape = (size, *mass.shape)
+    p, mass, size = collision.parameters, collision.mass, 2 + collision.element.states
     unit = jnp.eye(size).reshape(size, size, *[1] * mass.ndim)
-    still = {name: value for name, value in p.items() if name != GRAVITY}
-    columns = [rates_of_motion(element, still, mass, jnp.broadcast_to(unit[j], shape)) for j in range(size)]
+    weightless = replace(collision, parameters={name: p[name] for name in p if name != GRAVITY})
+    columns = [weightless.rates(jnp.broadcast_to(one, (size, *mass.shape))) for one in unit]
     matrix = jnp.moveaxis(jnp.stack(columns, axis=1), (0, 1), (-2, -1))
     if GRAVITY in p:
         size += 1
-        falls = impactor_share(element, p, mass) * p[GRAVITY]
+        falls = collision.impactor_share * p[GRAVITY]
         matrix = jnp.pad(matrix, [(0, 0)] * mass.ndim + [(0, 1), (0, 1)]).at[..., 1, -1].set(falls)
     time = time.reshape(*time.shape, 1, 1)
     matrix = matrix.reshape(*mass.shape, *[1] * (time.ndim - matrix.ndim), size, size)

@@ -13,20 +13,10 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from bayestissue.base.declarations import declared
-from bayestissue.mechanics.elements.element import (
-    GRAVITY,
-    Collision,
-    Element,
-    Outcomes,
-    Parameters,
-    complete,
-    falling,
-    impactor_share,
-    inertia,
-)
+from bayestissue.mechanics.elements.element import GRAVITY, Collision, Element, Outcomes, Parameters
 from bayestissue.mechanics.elements.head_injury import LONGEST, SEARCH, head_injury, pulse_of
 from bayestissue.mechanics.elements.library import element as named
-from bayestissue.mechanics.elements.whole_impact import LONG, Path, prepared
+from bayestissue.mechanics.elements.whole_impact import LONG, Path
 
 
 class Outcome(NamedTuple):
@@ -72,40 +62,31 @@ def outcomes(
     Raises:
         KeyError: there is no such element, or the parameters are not its own.
     """
-    which = named(element)
-    completed = complete(which, parameters, diameter, gravity)
-    return outcomes_of(*prepared(which, completed, mass, velocity), headform=headform)
+    collision = Collision.of(named(element), parameters, mass, velocity, diameter=diameter, gravity=gravity)
+    return outcomes_of(collision, headform=headform)
 
 
-@partial(jax.jit, static_argnames=("element", "headform"))
-def outcomes_of(
-    element: Element,
-    p: dict[str, Array],
-    mass: Float[Array, " impact"],
-    velocity: Float[Array, " impact"],
-    *,
-    headform: bool = False,
-) -> Outcomes:
-    """`outcomes` of complete parameters, compiled: see `bayestissue.mechanics.elements.element.complete`."""
-    nodes, collision = None, Collision(element, p, mass, velocity)
-    if element.level_outcomes and GRAVITY not in p:
-        comes = element.level_outcomes(p, mass, velocity)
+@partial(jax.jit, static_argnames="headform")
+def outcomes_of(collision: Collision, *, headform: bool = False) -> Outcomes:
+    """`outcomes`, compiled."""
+    nodes, p, closed_form = None, collision.parameters, collision.element.level_outcomes
+    if closed_form and GRAVITY not in p:
+        comes = closed_form(p, collision.mass, collision.velocity)
     else:
         path = Path.solved(collision)
         comes, nodes = _of_path(path), path.nodes
     if not headform:
         return comes
-    window = jnp.minimum(
-        SEARCH.times_to_peak * comes.time_to_peak, LONG * jnp.sqrt(inertia(element, p, mass) / p["K"])
-    )
+    longest = LONG * jnp.sqrt(collision.inertia / p["K"])
+    window = jnp.minimum(SEARCH.times_to_peak * comes.time_to_peak, longest)
     end = jnp.minimum(comes.contact_duration, window)
     return comes._replace(**head_injury(pulse_of(collision, end, nodes)))
 
 
 def _of_path(path: Path) -> Outcomes:
     """Of a solved path."""
-    element, p, M, V = path.collision
-    columns = path.collision.columns()
+    collision, columns = path.collision, path.collision.columns()
+    element, p, M, V = collision.element, collision.parameters, collision.mass, collision.velocity
 
     def jerks(y: Array) -> Array:
         return jnp.abs(jax.jvp(columns.deceleration, (y,), (columns.rates(y),))[1])
@@ -133,18 +114,18 @@ def _of_path(path: Path) -> Outcomes:
         states, np.cumsum([part.shape[1] for part in parts])[:-1], axis=-1
     )
     x, v, *inner_states = at_peak[..., 0]
-    s, end, fall = tuple(inner_states), at_leaving[0, :, 0], falling(p)
+    s, end, fall = tuple(inner_states), at_leaving[0, :, 0], collision.gravity
     # What is never left gives nothing back, also where the impactor has not come to rest when the path ends.
     last = jnp.where(jnp.isinf(path.leaves), 0.0, at_leaving[1, :, 0])
     squares = (within[1] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
     # Of 0 m/s^2 nothing, however long.
     fallen = jnp.where(fall == 0, 0.0, fall * path.leaves)
-    begins, moves = impactor_share(element, p, M) * V, inertia(element, p, M)
+    begins, moves = collision.impactor_share * V, collision.inertia
     spent = moves * (begins**2 - v**2) / 2 + M * fall * x - element.stored(x, v, s, p)
     return Outcomes(
         mass=M,
         velocity=V,
-        K_tangent=tangent_stiffness(element, dict(p)),
+        K_tangent=tangent_stiffness(element, p),
         K_secant=element.force(x, jnp.zeros_like(v), s, p) / x,
         C_equivalent=spent / squares,
         energy_lost=1 - (last / V) ** 2,
@@ -171,7 +152,7 @@ def greatest(values: Float[Array, "impact place"]) -> Float[Array, " impact"]:
     )
 
 
-def tangent_stiffness(element: Element, p: dict[str, Array]) -> Array:
+def tangent_stiffness(element: Element, p: Parameters) -> Array:
     """The force's slope in x with the internal lengths held, at the surface and at rest.
 
     What remembers is slow: at contact its dampers have not yet yielded. At rest no damper pushes, not even

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.mechanics.elements.element import Collision, Parameters, falling, rates_of_motion
+from bayestissue.mechanics.elements.element import Collision
 
 # At least so many steps over a trace, where it has as many samples.
 STEPS = 64
@@ -54,17 +54,15 @@ def nodes(
     # Most of a second to import, and only elements that are not linear need it.
     import diffrax
 
-    element = collision.element
+    def rates(collision: Collision, y: Array) -> Array:
+        derivative = collision.rates(y)
+        if not flies_off:
+            return derivative
+        return derivative.at[1].set(jnp.where(y[0] < 0, collision.gravity, derivative[1]))
 
-    def rates(y: Array, p: Parameters, mass: Array) -> Array:
-        derivative = rates_of_motion(element, p, mass, y)
-        return (
-            derivative.at[1].set(jnp.where(y[0] < 0, falling(p), derivative[1])) if flies_off else derivative
-        )
-
-    def field(t: Any, y: Array, args: Any) -> Array:
-        p, mass, duration = args
-        return duration * rates(y, p, mass)
+    def field(t: Any, y: Array, args: tuple[Collision, Array]) -> Array:
+        collision, duration = args
+        return duration * rates(collision, y)
 
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(field),
@@ -73,14 +71,14 @@ def nodes(
         t1=1.0,
         dt0=None,
         y0=collision.at_contact() if start is None else start,
-        args=(collision.parameters, collision.mass, duration),
+        args=(collision, duration),
         stepsize_controller=diffrax.StepTo(ts=jnp.asarray(fractions)),
         saveat=diffrax.SaveAt(t0=True, steps=True),
         adjoint=diffrax.ForwardMode(),
         max_steps=len(fractions) - 1,
     )
     time, y = jnp.asarray(fractions)[:, None] * duration, solution.ys
-    solved = Nodes(time, y, jnp.moveaxis(rates(jnp.moveaxis(y, 1, 0), *collision[1:3]), 0, 1))
+    solved = Nodes(time, y, jnp.moveaxis(rates(collision, jnp.moveaxis(y, 1, 0)), 0, 1))
     return _pushed_to_the_surface(collision, solved) if flies_off else solved
 
 

@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from bayestissue.mechanics.elements import linear, solver
-from bayestissue.mechanics.elements.element import Collision, Element, Parameters, complete, falling, inertia
+from bayestissue.mechanics.elements.element import Collision, Element, Parameters
 from bayestissue.mechanics.elements.library import element as named
 
 # Steps are short at contact, where a Hertz force has no smooth start, and grow with its square root.
@@ -78,38 +78,23 @@ def impact(
         KeyError: there is no such element, or the parameters are not its own.
     """
     time = jnp.asarray(time, float)
-    which = named(element)
-    completed = complete(which, parameters, diameter, gravity)
-    return _impact(*prepared(which, completed, mass, velocity, time.shape[:1]), time)
+    met = named(element), parameters, mass, velocity
+    return _impact(Collision.of(*met, diameter=diameter, gravity=gravity, shape=time.shape[:1]), time)
 
 
-@partial(jax.jit, static_argnames="element")
-def _impact(element: Element, p: dict[str, Array], mass: Array, velocity: Array, time: Array) -> ImpactorPath:
-    path = Path.solved(Collision(element, p, mass, velocity), time.max(-1))
-    columns = path.collision.columns()
+@jax.jit
+def _impact(collision: Collision, time: Array) -> ImpactorPath:
+    path = Path.solved(collision, time.max(-1))
+    columns = collision.columns()
     since = jnp.clip(time, 0.0, jnp.minimum(path.leaves, path.duration)[:, None])
     y = path.at(since)
     inside = (time >= 0) & (time <= path.leaves[:, None])
     d = columns.deceleration(y)
-    flight, fall = time - since, falling(columns.parameters)
+    flight, fall = time - since, columns.gravity
     # At contact, where tissue is taken along, the velocity is another before than after.
-    flies = jnp.where(time < 0, velocity[:, None], y[1])
+    flies = jnp.where(time < 0, columns.velocity, y[1])
     x, v = y[0] + flies * flight + fall * flight**2 / 2, flies + fall * flight
     return ImpactorPath(x, v, jnp.where(inside, d, 0.0), path.time_to_peak, path.leaves)
-
-
-def prepared(
-    element: Element,
-    completed: dict[str, Array],
-    mass: ArrayLike,
-    velocity: ArrayLike,
-    shape: tuple[int, ...] = (1,),
-) -> Collision:
-    """Complete parameters, mass and velocity, each [impact]."""
-    M, V = jnp.asarray(mass, float), jnp.asarray(velocity, float)
-    shape = jnp.broadcast_shapes(shape, *(part.shape for part in (*completed.values(), M, V)))
-    p = {name: jnp.broadcast_to(value, shape) for name, value in completed.items()}
-    return Collision(element, p, jnp.broadcast_to(M, shape), jnp.broadcast_to(V, shape))
 
 
 class Path(NamedTuple):
@@ -124,10 +109,9 @@ class Path(NamedTuple):
     @classmethod
     def solved(cls, collision: Collision, until: ArrayLike = 0.0) -> Path:
         """The path from contact to ``until`` [s], or to four times an undamped contact if that is later."""
-        element, p, mass, _ = collision
-        undamped = LONG * jnp.sqrt(inertia(element, p, mass) / p["K"])
+        undamped = LONG * jnp.sqrt(collision.inertia / collision.parameters["K"])
         duration = jax.lax.stop_gradient(jnp.maximum(until, undamped))
-        if element.linear:
+        if collision.element.linear:
             nodes = _linear_nodes(collision, duration)
         else:
             fractions = np.linspace(0.0, 1.0, NODES) ** 2
@@ -196,24 +180,18 @@ class Loop(NamedTuple):
     force_out: Float[Array, "impact place"]
 
 
-@partial(jax.jit, static_argnames=("element", "places"))
-def loops_of(
-    element: Element,
-    p: dict[str, Array],
-    mass: Float[Array, " impact"],
-    velocity: Float[Array, " impact"],
-    places: int,
-) -> Loop:
-    """The loop of each impact at ``places`` even times in and out, of complete parameters, compiled.
+@partial(jax.jit, static_argnames="places")
+def loops_of(collision: Collision, places: int) -> Loop:
+    """The loop of each impact at ``places`` even times in and out, compiled.
 
     Between the nodes of its path, an impact is the cubic of `solver.at_times`, also of a linear element.
     """
-    path = Path.solved(Collision(element, p, mass, velocity))
+    path = Path.solved(collision)
     peak, end = (jnp.minimum(when, path.duration)[:, None] for when in (path.time_to_peak, path.leaves))
     share = jnp.linspace(0.0, 1.0, places)
     times = jnp.concatenate([peak * share, peak + (end - peak) * share], axis=1)
     y = solver.at_times(path.nodes, times)
-    force = mass[:, None] * path.collision.columns().deceleration(y)
+    force = collision.mass[:, None] * collision.columns().deceleration(y)
     # The greatest depth to rounding, from which depths of a motion that does not leave may rise again.
     out = y[0][:, places:]
     falls = jax.lax.cummin(out, axis=1) == out

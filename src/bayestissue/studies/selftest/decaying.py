@@ -17,7 +17,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.mechanics.elements import element
-from bayestissue.mechanics.elements.element import Collision, complete
+from bayestissue.mechanics.elements.element import Collision
 from bayestissue.mechanics.elements.linear import transition
 from bayestissue.studies.selftest.mixed_models import data
 
@@ -45,7 +45,7 @@ def _left(logs: Float[Array, " parameter"]) -> Float[Array, " time"]:
     values = dict(
         zip((parameter.name for parameter in which.parameters), jnp.exp(logs)[:, None], strict=True)
     )
-    free = Collision(which, complete(which, values, None), one, one)
+    free = Collision.of(which, values, one, one)
     columns = transition(free, jnp.asarray(TIME)[None])[0, :, 0]
     basis, _ = jnp.linalg.qr(columns)
     series = jnp.asarray(LANCZOS3)

@@ -18,7 +18,7 @@ from bayestissue.base.padding import bucket
 from bayestissue.base.results.tables import write_table
 from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
 from bayestissue.mechanics.elements import element, impact, outcomes
-from bayestissue.mechanics.elements.element import impactor_share, inertia
+from bayestissue.mechanics.elements.element import Collision
 from bayestissue.mechanics.oscillator import impact_motion, spring_damper_inverse
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm, grouping_of
@@ -306,7 +306,7 @@ def what_is_met(simulation: Simulation, truth: pd.DataFrame) -> pd.DataFrame:
     surroundings: Any = {"diameter": _diameter(truth), "gravity": gravity, "headform": simulation.headform}
     comes = jax.device_get(outcomes(name, p, mass, velocity, **surroundings))
     known = {column: getattr(comes, outcome) for outcome, column in HEADFORM_COLUMNS.items()}
-    moves = inertia(element(name), p, jnp.asarray(mass))
+    moves = Collision.of(element(name), p, mass, velocity).inertia
     omega_n, zeta = map(np.asarray, spring_damper_inverse(comes.K_secant, comes.C_equivalent, moves))
     columns = {column: value for column, value in known.items() if value is not None}
     if gravity or name != SIDE_BY_SIDE:
@@ -371,9 +371,9 @@ def tissue_force(name: str, truth: pd.DataFrame, deceleration: Samples, gravity:
         deceleration: of `deceleration`.
         gravity: along the motion [m/s^2].
     """
-    mass = truth["mass_kg"].to_numpy()
-    share = np.asarray(impactor_share(element(name), _parameters(name, truth), jnp.asarray(mass)))
-    share = np.broadcast_to(share, mass.shape)[:, None]
+    mass, velocity = truth[["mass_kg", "velocity_m_s"]].to_numpy().T
+    met = Collision.of(element(name), _parameters(name, truth), mass, velocity)
+    share = np.broadcast_to(met.impactor_share, mass.shape)[:, None]
     pushes = deceleration > 0
     return mass[:, None] / share * np.where(pushes, deceleration - (1 - share) * gravity, 0.0)
 

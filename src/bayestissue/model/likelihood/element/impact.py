@@ -20,14 +20,14 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.mechanics.elements import Element
-from bayestissue.mechanics.elements.element import impactor_share
+from bayestissue.mechanics.elements.element import Collision
 from bayestissue.model.likelihood import small
 from bayestissue.model.likelihood.channels import MeasuredTraces, SensorTrace
 from bayestissue.model.likelihood.element import clipped, contact_cells, noise
 from bayestissue.model.likelihood.element.force_channel import force_channel
 from bayestissue.model.likelihood.element.noise import TraceNoise
 from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
-from bayestissue.model.likelihood.element.response import Response, response
+from bayestissue.model.likelihood.element.response import Response, collision_of, response
 from bayestissue.model.likelihood.linear_errors import Errors, Products, draw_errors, marginal_log_likelihood
 
 # A response this many times the trace is no impact; the products would keep seven digits.
@@ -77,7 +77,7 @@ class MeasuredImpact(MeasuredTraces):
 
     Attributes:
         element: what is hit.
-        parameters: as of `response`.
+        parameters: its own, in their order.
         noise_parameters: of the noise.
         record: the traces and what is known of their recording.
     """
@@ -88,13 +88,18 @@ class MeasuredImpact(MeasuredTraces):
     record: DecelerationRecord
 
     @property
+    def collision(self) -> Collision:
+        """The impacts, at recorded mass and velocity."""
+        return collision_of(self.element, self.parameters, self.record)
+
+    @property
     def sigma(self) -> Float[Array, " impact"]:
         """The noise's standard deviation [m/s^2]."""
         return jnp.exp(self.noise_parameters.log_sigma)
 
     def response(self) -> Response:
         """See `response`; as the sensor shows it, whose gain is in error."""
-        true, gain = response(self.element, self.parameters, self.record), self.noise_parameters.log_gain
+        true, gain = response(self.collision, self.record), self.noise_parameters.log_gain
         return true if gain is None else true.recorded(jnp.exp(gain))
 
     @property
@@ -169,9 +174,7 @@ class MeasuredImpact(MeasuredTraces):
         record = self.record
         if record.shared_by is None:
             return 0.0
-        names = (parameter.name for parameter in self.element.parameters)
-        share = impactor_share(self.element, dict(zip(names, self.parameters, strict=True)), record.mass)
-        return (1 - 1 / record.shared_by) * jnp.log(share)
+        return (1 - 1 / record.shared_by) * jnp.log(self.collision.impactor_share)
 
     def draw_errors(self, key: Array, predicted: Response | None = None) -> Float[Array, "impact error"]:
         """The errors given the recorded traces, contact time's counted from ``first_time`` (later).

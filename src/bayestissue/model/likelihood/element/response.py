@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -12,13 +13,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.mechanics.elements import Element, linear, solver
-from bayestissue.mechanics.elements.element import (
-    GRAVITY,
-    Collision,
-    Parameters,
-    deceleration_of,
-    tissue_force_over_mass,
-)
+from bayestissue.mechanics.elements.element import GRAVITY, Collision
 from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, ForceRows
 from bayestissue.model.likelihood.element.recorder import (
     EARLIER,
@@ -29,8 +24,8 @@ from bayestissue.model.likelihood.element.recorder import (
     samples_passed,
 )
 
-# What a sensor reads of parameters, mass and state, over the mass [m/s^2].
-Reading = Callable[[Element, Parameters, Array, Array], Array]
+# What a sensor reads of impacts in such states, over the impactor's mass [m/s^2].
+Reading = Callable[[Collision, Array], Array]
 
 
 class Response(NamedTuple):
@@ -76,15 +71,19 @@ class ElementMotion(NamedTuple):
     d: Float[Array, "impact sample"]
 
 
-def motion(
-    element: Element,
-    parameters: Float[Array, "parameter impact"],
-    record: DecelerationRecord,
-    velocity: Float[Array, " impact"],
-) -> ElementMotion:
-    """The impact at ``velocity`` [m/s], contact as the record has it; other arguments as of `response`."""
+def collision_of(
+    element: Element, parameters: Float[Array, "parameter impact"], record: DecelerationRecord
+) -> Collision:
+    """The recorded impacts on an element with these parameters, in their order."""
+    names = (parameter.name for parameter in element.parameters)
+    p = dict(zip(names, parameters, strict=True)) | record.surroundings
+    return Collision(element, p, record.mass, record.velocity)
+
+
+def motion(collision: Collision, record: DecelerationRecord) -> ElementMotion:
+    """The impacts at the record's samples, contact as the record has it."""
     first, late = _after_contact(record) if record.lead else (record.first_time, jnp.zeros(()))
-    sensor = _Sensor(_collision(element, parameters, record, velocity), record)
+    sensor = _Sensor(collision, record)
     if record.uneven is not None:
         return ElementMotion(*sensor.at_times(record.time())[:3])
     x, v, d, _ = sensor.on_grid(first, record.dt, record.d.shape[1])
@@ -94,45 +93,42 @@ def motion(
     index = jnp.arange(record.d.shape[1]) - late[:, None]
     x, v, d = (jnp.take_along_axis(part, jnp.maximum(index, 0), axis=1) for part in (x, v, d))
     since = jnp.minimum(first[:, None] + index * record.dt[:, None], 0.0)
-    flies, speed, fall = index < 0, velocity[:, None], record.gravity[:, None]
+    flies, speed, fall = index < 0, collision.velocity[:, None], record.gravity[:, None]
     here = speed * since + fall * since**2 / 2
     return ElementMotion(
         jnp.where(flies, here, x), jnp.where(flies, speed + fall * since, v), jnp.where(flies, 0.0, d)
     )
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0, 3))
+@partial(jax.custom_jvp, nondiff_argnums=(2,))
 def response(
-    element: Element,
-    parameters: Float[Array, "parameter impact"],
-    record: DecelerationRecord,
-    reading: Reading = deceleration_of,
+    collision: Collision, record: DecelerationRecord, reading: Reading = Collision.deceleration
 ) -> Response:
     """The element's answer at the samples.
 
-    Its slopes, by the parameters and by the time from contact to the first sample, go forwards through the
-    solver, one tangent for each and all impacts in each, so that reverse mode too costs no more than that.
+    Its slopes, by the element's parameters and by the time from contact to the first sample, go forwards
+    through the solver, one tangent for each and all impacts in each, so that reverse mode too costs no more
+    than that.
 
     Args:
-        element: what is hit.
-        parameters: its parameters in their order.
-        record: masses, velocities and times.
+        collision: the impacts, of the record's masses, velocities and surroundings.
+        record: times of the samples.
         reading: what is recorded.
     """
-    return _response(element, parameters, record, reading)
+    return _response(collision, record, reading)
 
 
 @response.defjvp
-def _response_jvp(
-    element: Element, reading: Reading, primals: Any, tangents: Any
-) -> tuple[Response, Response]:
-    (parameters, record), by = primals, tangents
+def _response_jvp(reading: Reading, primals: Any, tangents: Any) -> tuple[Response, Response]:
+    (collision, record), names = primals, [one.name for one in primals[0].element.parameters]
 
     def at(moved: Array) -> Response:
-        return _response(element, moved[:-1], record.with_first_time(moved[-1]), reading)
+        p = collision.parameters | dict(zip(names, moved, strict=False))
+        return _response(replace(collision, parameters=p), record.with_first_time(moved[-1]), reading)
 
     moved, along = (
-        jnp.concatenate([values, times.first_time[None]]) for values, times in ((parameters, record), by)
+        jnp.stack([*(met.parameters[name] for name in names), times.first_time])
+        for met, times in (primals, tangents)
     )
     unit = jnp.broadcast_to(jnp.eye(len(moved))[..., None], (len(moved), *moved.shape))
     answer, slopes = jax.vmap(lambda one: jax.jvp(at, (moved,), (one,)), out_axes=(None, 0))(unit)
@@ -140,21 +136,12 @@ def _response_jvp(
     return answer, change
 
 
-def _response(element: Element, parameters: Array, record: DecelerationRecord, reading: Reading) -> Response:
+def _response(collision: Collision, record: DecelerationRecord, reading: Reading) -> Response:
     inside = True if record.contact.reach else record.inside()
-    force = None if record.force is None else _of_force(element, parameters, record, record.force)
-    answered = _Sensor(_collision(element, parameters, record), record, reading).by_velocity()
+    force = None if record.force is None else _of_force(collision, record, record.force)
+    answered = _Sensor(collision, record, reading).by_velocity()
     d, by_velocity, jerk = (jnp.where(inside, part, 0.0) for part in answered)
     return Response(d, by_velocity, jerk, force)
-
-
-def _collision(
-    element: Element, parameters: Array, record: DecelerationRecord, velocity: Array | None = None
-) -> Collision:
-    """The impacts at ``velocity``, the recorded one unless given."""
-    names = [parameter.name for parameter in element.parameters]
-    p = dict(zip(names, parameters, strict=True)) | record.surroundings
-    return Collision(element, p, record.mass, record.velocity if velocity is None else velocity)
 
 
 class _Sensor(NamedTuple):
@@ -163,19 +150,19 @@ class _Sensor(NamedTuple):
     Attributes:
         collision: the impacts.
         record: when its samples are, and its recorder.
-        reading: of parameters, mass and state.
+        reading: what it reads.
     """
 
     collision: Collision
     record: DecelerationRecord
-    reading: Reading = deceleration_of
+    reading: Reading = Collision.deceleration
 
     def by_velocity(self) -> tuple[Array, Array, Array]:
         """A reading at the samples, its derivative by the velocity at contact, and its slope."""
         return _by_velocity(self.collision, lambda velocity: self._at(velocity).at_samples())
 
     def _at(self, velocity: Array) -> _Sensor:
-        return self._replace(collision=self.collision._replace(velocity=velocity))
+        return self._replace(collision=replace(self.collision, velocity=velocity))
 
     def at_samples(self) -> tuple[Array, Array]:
         """A reading and its slope at the samples."""
@@ -200,10 +187,7 @@ class _Sensor(NamedTuple):
         """Penetration, velocity, reading and its slope in these states; a deceleration's is the jerk."""
         columns = self.collision.columns()
 
-        def read(y: Array) -> Array:
-            return self.reading(columns.element, columns.parameters, columns.mass, y)
-
-        d, jerk = jax.jvp(read, (y,), (columns.rates(y),))
+        d, jerk = jax.jvp(partial(self.reading, columns), (y,), (columns.rates(y),))
         return y[0], y[1], d, jerk
 
     def at_times(self, time: Float[Array, "impact time"]) -> tuple[Array, Array, Array, Array]:
@@ -283,7 +267,7 @@ def _by_velocity(
     return d, by_velocity, jerk
 
 
-def _of_force(element: Element, parameters: Array, record: DecelerationRecord, force: ForceRows) -> Response:
+def _of_force(collision: Collision, record: DecelerationRecord, force: ForceRows) -> Response:
     """The answer at the samples of the force.
 
     Where it has to be in one go for contact in several cells, it is made on one even grid of the force's
@@ -291,19 +275,19 @@ def _of_force(element: Element, parameters: Array, record: DecelerationRecord, f
     time that all of them share: the cubic through deceleration and jerk of the grid's points is there, with
     an error of (omega_n h)^4 / 384 of the motion.
     """
-    reading = tissue_force_over_mass if force.below else deceleration_of
+    reading = Collision.tissue_force_over_mass if force.below else Collision.deceleration
     if not record.contact.reach:
-        return _response(element, parameters, at_force(record, force), reading)
+        return _response(collision, at_force(record, force), reading)
     since = (force.first_time - record.first_time + record.cells).T
     begin = since.min(1) % force.dt
     later = (since - begin[:, None]) / force.dt[:, None]
     whole = jnp.maximum(jnp.floor(later), 0.0)
     index = whole.astype(int)[..., None] + jnp.arange(force.y.shape[1])
-    known, collision = Contact.known(jnp.zeros(len(begin), bool)), _collision(element, parameters, record)
+    known = Contact.known(jnp.zeros(len(begin), bool))
     grid = at_force(record, force)._replace(first_time=begin, contact=known)
 
     def shifted(velocity: Array) -> tuple[Array, Array]:
-        d, jerk = _Sensor(collision._replace(velocity=velocity), grid, reading).at_samples()
+        d, jerk = _Sensor(replace(collision, velocity=velocity), grid, reading).at_samples()
         into, interval = (later - whole)[..., None], force.dt[:, None, None]
 
         def at(values: Array, index: Array) -> Array:
