@@ -40,8 +40,8 @@ from bayestissue.inference.fit import draws_of_chain, sample
 from bayestissue.model.hierarchy.specification import Sampler, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.model.hierarchy.trace_models import TraceData, impacts_model, trace_likelihood
-from bayestissue.model.likelihood.arma.displacements import displacement_record
-from bayestissue.model.likelihood.element.record import DecelerationRecord
+from bayestissue.model.likelihood.displacements import displacement_record
+from bayestissue.model.likelihood.record import DecelerationRecord
 from bayestissue.studies.simulation import simulate
 
 # A rank's standard deviation is known to 5 % of itself, that of all 40 quantities together to a percent.

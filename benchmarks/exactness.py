@@ -28,10 +28,10 @@ from statsmodels.tsa.arima_process import arma_acovf
 from bayestissue.base.runtime import configure
 from bayestissue.mechanics.elements import element, element_names, impact
 from bayestissue.mechanics.oscillator import to_discrete
-from bayestissue.model.likelihood import arma21_log_likelihood
-from bayestissue.model.likelihood.arma.displacements import MeasuredDisplacement, displacement_record
-from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.arma21 import arma21_log_likelihood
+from bayestissue.model.likelihood.displacements import MeasuredDisplacement, displacement_record
+from bayestissue.model.likelihood.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.record import Contact, DecelerationRecord
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path += [str(ROOT / "tests"), str(ROOT / "tests" / "elements")]

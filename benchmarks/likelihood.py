@@ -20,7 +20,7 @@ import numpy as np
 from evidence import measure
 
 from bayestissue.mechanics.oscillator import impact_motion, to_differences
-from bayestissue.model.likelihood.arma.displacements import MeasuredDisplacement, displacement_record
+from bayestissue.model.likelihood.displacements import MeasuredDisplacement, displacement_record
 
 IMPACTS, SIZES, ROUNDS = 90, (256, 1024, 4096), 10
 # A contender slower than this a call is timed fewer times.

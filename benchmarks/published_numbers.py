@@ -15,7 +15,7 @@ from pathlib import Path
 
 from evidence import measure
 
-from bayestissue.model.likelihood import arma21_log_likelihood
+from bayestissue.model.likelihood.arma21 import arma21_log_likelihood
 from bayestissue.studies.selftest.published_numbers import PUBLISHED
 
 ROOT = Path(__file__).resolve().parents[1]

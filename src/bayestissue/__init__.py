@@ -41,7 +41,7 @@ _COMPUTED: dict[str, str] = {
 }
 # What does too, compiled, and takes arrays.
 _NUMERIC: dict[str, str] = {
-    "arma21_log_likelihood": "bayestissue.model.likelihood",
+    "arma21_log_likelihood": "bayestissue.model.likelihood.arma21",
     "spring_damper": "bayestissue.mechanics.oscillator",
     "to_continuous": "bayestissue.mechanics.oscillator",
     "to_discrete": "bayestissue.mechanics.oscillator",

@@ -14,7 +14,7 @@ from bayestissue.mechanics.oscillator import impact_motion, spring_damper
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare, with_discrepancy
 from bayestissue.model.hierarchy.trace_models import Kind, log_likelihood, physical
-from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
+from bayestissue.model.likelihood.record import CONTACT, DecelerationRecord
 from bayestissue.recordings.dataset import Dataset, Trace, Uncertainty
 from bayestissue.recordings.signal import SignalOptions
 from dataset_bench import settings_of

@@ -16,8 +16,8 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from bayestissue.mechanics.elements.element import GRAVITY
-from bayestissue.model.likelihood.element.impact import MeasuredImpact
-from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.impact import MeasuredImpact
+from bayestissue.model.likelihood.record import Contact, DecelerationRecord
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import autocorrelation, on_even_grid
 from tissues import Path, path

@@ -11,9 +11,9 @@ from dense_impact import Recorded, correlation, reading, record_of
 
 from bayestissue.mechanics.elements import element, element_names
 from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_of
-from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.model.likelihood.element.noise import colour_of, discrepancy_modes
-from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, ForceRows, UnevenTimes
+from bayestissue.model.likelihood.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.noise import colour_of, discrepancy_modes
+from bayestissue.model.likelihood.record import Contact, DecelerationRecord, ForceRows, UnevenTimes
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import autocorrelation
 from tissues import path

@@ -10,10 +10,10 @@ from dense_impact import correlation, record_of
 from numpy.testing import assert_allclose
 from recorded_impacts import LOW_PASS, SAE
 
-from bayestissue.model.likelihood.element import noise
-from bayestissue.model.likelihood.element.contact_cells import noise_of
-from bayestissue.model.likelihood.element.noise import LEAST_EIGENVALUE, colour_of
-from bayestissue.model.likelihood.element.record import Contact
+from bayestissue.model.likelihood import noise
+from bayestissue.model.likelihood.contact_cells import noise_of
+from bayestissue.model.likelihood.noise import LEAST_EIGENVALUE, colour_of
+from bayestissue.model.likelihood.record import Contact
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import autocorrelation
 

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.oscillator import impact_motion, time_to_peak
-from bayestissue.model.likelihood.element.compressed import (
+from bayestissue.model.likelihood.compressed import (
     LANES,
     RADIUS,
     TERMS,
@@ -23,10 +23,10 @@ from bayestissue.model.likelihood.element.compressed import (
     log_density,
     within,
 )
-from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.model.likelihood.element.noise import discrepancy_modes
-from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.model.likelihood.element.recorder import Colour
+from bayestissue.model.likelihood.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.noise import discrepancy_modes
+from bayestissue.model.likelihood.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.recorder import Colour
 
 TISSUE = element("kelvin_voigt")
 RNG = np.random.default_rng(3)

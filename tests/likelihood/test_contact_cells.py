@@ -15,7 +15,7 @@ from recorded_impacts import SAE, contact_open, filtered
 from scipy.stats import kstest, multivariate_normal
 
 from bayestissue.mechanics.elements import impact
-from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.impact import MeasuredImpact, NoiseParameters
 
 pytestmark = pytest.mark.slow
 

@@ -12,9 +12,9 @@ from dense_impact import record_of
 from scipy.signal import bessel, butter, sosfilt, sosfiltfilt
 
 from bayestissue.mechanics.elements import element, impact
-from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.model.likelihood.element.recorder import LowPass
-from bayestissue.model.likelihood.element.response import collision_of, response
+from bayestissue.model.likelihood.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.recorder import LowPass
+from bayestissue.model.likelihood.response import collision_of, response
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import ahead_s, decay, modes
 

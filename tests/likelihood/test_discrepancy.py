@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayestissue.inference.quantities.whole import integrals
-from bayestissue.model.likelihood.element.noise import discrepancy_modes
+from bayestissue.model.likelihood.noise import discrepancy_modes
 
 COUNT = np.array([38, 45])
 

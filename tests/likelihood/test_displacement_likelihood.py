@@ -11,7 +11,7 @@ from scipy.linalg import toeplitz
 from scipy.stats import multivariate_normal
 
 from bayestissue.mechanics.oscillator import to_differences
-from bayestissue.model.likelihood.arma.displacements import (
+from bayestissue.model.likelihood.displacements import (
     DisplacementRecord,
     MeasuredDisplacement,
     displacement_record,

@@ -10,8 +10,8 @@ import pytest
 from recorded_impacts import two_impacts
 
 from bayestissue.mechanics.elements import impact
-from bayestissue.model.likelihood.element.impact import MeasuredImpact
-from bayestissue.model.likelihood.element.response import motion
+from bayestissue.model.likelihood.impact import MeasuredImpact
+from bayestissue.model.likelihood.response import motion
 
 pytestmark = pytest.mark.slow
 

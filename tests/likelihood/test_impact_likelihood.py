@@ -31,7 +31,7 @@ from scipy.linalg import eigh
 from scipy.stats import norm
 
 from bayestissue.mechanics.elements import element_names
-from bayestissue.model.likelihood.element.impact import MeasuredImpact
+from bayestissue.model.likelihood.impact import MeasuredImpact
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 
 GRAVITY = 9.80665

@@ -10,9 +10,9 @@ from dense_impact import record_of
 from scipy.signal import bessel, butter, freqs
 
 from bayestissue.mechanics.elements import element
-from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.model.likelihood.element.recorder import Flow, LowPass
-from bayestissue.model.likelihood.element.response import collision_of, motion, response
+from bayestissue.model.likelihood.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.recorder import Flow, LowPass
+from bayestissue.model.likelihood.response import collision_of, motion, response
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import delay, modes
 

@@ -14,8 +14,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import lfilter
 
 from bayestissue.inference.points.point_fit import PointFit, fit_points
-from bayestissue.model.likelihood import arma21_log_likelihood
-from bayestissue.model.likelihood.arma.arma21 import Start
+from bayestissue.model.likelihood.arma21 import Start, arma21_log_likelihood
 
 
 class Published(NamedTuple):

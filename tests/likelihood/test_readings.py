@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.model.likelihood.arma.displacements import MeasuredDisplacement, displacement_record
+from bayestissue.model.likelihood.displacements import MeasuredDisplacement, displacement_record
 
 IMPACTS, SAMPLES = 90, 256
 

@@ -13,8 +13,8 @@ from jax import Array
 from jax.scipy.special import logsumexp
 
 from bayestissue.mechanics.elements import element, impact
-from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.model.likelihood.element.record import VELOCITY, DecelerationRecord
+from bayestissue.model.likelihood.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.record import VELOCITY, DecelerationRecord
 
 NUMBER, MASS, MOVES, V = 6, 0.5, 0.1, 1.5
 K, C, RELATIVE_SD, SIGMA = 3000.0, 25.0, 0.2, 0.3

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from recorded_impacts import two_impacts
 
-from bayestissue.model.likelihood.element.impact import MeasuredImpact
-from bayestissue.model.likelihood.element.record import Contact, UnevenTimes
+from bayestissue.model.likelihood.impact import MeasuredImpact
+from bayestissue.model.likelihood.record import Contact, UnevenTimes
 
 pytestmark = pytest.mark.slow
 

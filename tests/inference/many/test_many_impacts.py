@@ -26,7 +26,7 @@ from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.model.hierarchy.trace_models import TraceData
-from bayestissue.model.likelihood.arma.displacements import displacement_record
+from bayestissue.model.likelihood.displacements import displacement_record
 from bayestissue.recordings.dataset.model import Dataset
 from campaigns import binomial, simulated
 from chain_of_sites import chain_of_sites

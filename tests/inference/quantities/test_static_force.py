@@ -20,9 +20,9 @@ from bayestissue.inference.quantities.whole import (
 )
 from bayestissue.mechanics.elements import element, impact, outcomes
 from bayestissue.mechanics.elements.element import GRAVITY, Element
-from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord
-from bayestissue.model.likelihood.element.response import motion
+from bayestissue.model.likelihood.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.record import Contact, DecelerationRecord
+from bayestissue.model.likelihood.response import motion
 
 pytestmark = pytest.mark.slow
 

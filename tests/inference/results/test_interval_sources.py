@@ -31,7 +31,7 @@ from bayestissue.model.hierarchy.trace_models import (
     with_contact_at,
     with_normal_errors,
 )
-from bayestissue.model.likelihood.element.record import CONTACT
+from bayestissue.model.likelihood.record import CONTACT
 from bayestissue.recordings.dataset import read_dataset
 from campaigns import RECORDER, simulated
 

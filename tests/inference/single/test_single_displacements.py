@@ -23,7 +23,7 @@ from bayestissue.mechanics.oscillator import (
 )
 from bayestissue.model.hierarchy.specification import Formulas, read_specification
 from bayestissue.model.hierarchy.trace_data import prepare
-from bayestissue.model.likelihood.arma.arma21 import arma21_series
+from bayestissue.model.likelihood.arma21 import arma21_series
 from bayestissue.recordings.dataset import Dataset
 from campaigns import COLUMNS, holds
 

@@ -42,7 +42,7 @@ from bayestissue.model.hierarchy.trace_models import (
     impact_likelihood,
     log_likelihood,
 )
-from bayestissue.model.likelihood.element.compressed import CompressedTraces, log_density, within
+from bayestissue.model.likelihood.compressed import CompressedTraces, log_density, within
 
 LEAST = 1e-4
 _MOST_CORRELATION = 1 - 1e-9

@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Num
 from bayestissue.base.padding import bucket
 from bayestissue.inference.execution.compiling import FULLY, compiled_quickly, filled_up, in_parts
 from bayestissue.mechanics.oscillator import arccos_branch, from_differences, spring_damper
-from bayestissue.model.likelihood.transforms import FILLED
+from bayestissue.model.likelihood.moving_average import FILLED
 
 Column = Float[np.ndarray, " impact"]
 Values = Float[Array, " impact"]

@@ -33,8 +33,8 @@ from bayestissue.model.hierarchy.trace_models import (
     physical,
     trace_likelihood,
 )
-from bayestissue.model.likelihood.element.impact import MeasuredImpact
-from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
+from bayestissue.model.likelihood.impact import MeasuredImpact
+from bayestissue.model.likelihood.record import CONTACT, DecelerationRecord
 
 Column = Float[Array, " impact"]
 # Of elements whose stiffness depends on depth, and of any with a discrepancy.

@@ -16,8 +16,8 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M, Element, Parameters
-from bayestissue.model.likelihood.element.impact import MeasuredImpact
-from bayestissue.model.likelihood.element.response import motion
+from bayestissue.model.likelihood.impact import MeasuredImpact
+from bayestissue.model.likelihood.response import motion
 
 Column = Float[Array, " impact"]
 

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Int
 from bayestissue.base.errors import Coded
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_of
-from bayestissue.model.likelihood.element.record import ForceRows
-from bayestissue.model.likelihood.element.recorder import LowPass
+from bayestissue.model.likelihood.record import ForceRows, chosen_impacts
+from bayestissue.model.likelihood.recorder import LowPass
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.signal import Displacements
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
@@ -94,7 +94,7 @@ class PreparedForce:
         """Of some impacts."""
         names = ("offset_sd", "clock_sd", "log_noise", "log_ratio")
         chosen = {name: getattr(self, name)[rows] for name in names}
-        return replace(self, rows=self.rows.impacts(rows), **chosen)
+        return replace(self, rows=chosen_impacts(self.rows, rows), **chosen)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from functools import partial
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue.model.likelihood.element.noise import colour_of
-from bayestissue.model.likelihood.element.recorder import Colour, LowPass
+from bayestissue.model.likelihood.noise import colour_of
+from bayestissue.model.likelihood.recorder import Colour, LowPass
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import ahead_s, autocorrelation
 from bayestissue.recordings.signal.filters import modes as filter_modes

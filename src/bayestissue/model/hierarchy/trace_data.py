@@ -43,10 +43,10 @@ from bayestissue.model.hierarchy.trace_models import (
     TraceModel,
     plain_model,
 )
-from bayestissue.model.likelihood.arma.displacements import DisplacementRecord, displacement_record
-from bayestissue.model.likelihood.element.noise import discrepancy_modes
-from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, UnevenTimes
-from bayestissue.model.likelihood.element.recorder import Colour, LowPass
+from bayestissue.model.likelihood.displacements import DisplacementRecord, displacement_record
+from bayestissue.model.likelihood.noise import discrepancy_modes
+from bayestissue.model.likelihood.record import Contact, DecelerationRecord, UnevenTimes
+from bayestissue.model.likelihood.recorder import Colour, LowPass
 from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.signal import Displacements, displacements

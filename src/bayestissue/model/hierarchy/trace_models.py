@@ -33,9 +33,9 @@ from bayestissue.model.hierarchy.population import (
     covariances_of,
 )
 from bayestissue.model.hierarchy.priors import HalfNormal, Priors
-from bayestissue.model.likelihood.arma.displacements import DisplacementRecord, MeasuredDisplacement
-from bayestissue.model.likelihood.element.impact import MeasuredImpact, NoiseParameters
-from bayestissue.model.likelihood.element.record import DecelerationRecord
+from bayestissue.model.likelihood.displacements import DisplacementRecord, MeasuredDisplacement
+from bayestissue.model.likelihood.impact import MeasuredImpact, NoiseParameters
+from bayestissue.model.likelihood.record import DecelerationRecord
 
 Kind = Literal["arma", "a2", "impact"]
 NUISANCE: dict[str, tuple[str, ...]] = {

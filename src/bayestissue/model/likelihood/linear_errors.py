@@ -19,7 +19,6 @@ from jaxtyping import Bool, Float
 
 from bayestissue.model.likelihood import small
 
-LOG_2PI = 1.8378770664093453
 _LOG_ROOT_HALF_PI = 0.22579135264472744
 _ROOT_3 = 3**0.5
 _LEAST_PIVOT = 1e-12
@@ -72,7 +71,7 @@ class Products(NamedTuple):
         """From products under T^-1, log det T, the number of values of each trace, and log sigma."""
         precision = jnp.exp(-2 * log_sigma)
         in_units = jax.tree.map(lambda entry: entry * precision, gram)
-        return cls(in_units, log_determinant + count * (LOG_2PI + 2 * log_sigma))
+        return cls(in_units, log_determinant + count * (small.LOG_2PI + 2 * log_sigma))
 
     def beside(self, other: Products) -> Products:
         """Of two channels together."""

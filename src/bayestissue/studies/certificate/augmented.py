@@ -28,7 +28,7 @@ from bayestissue.inference.results.replicates import replicates
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.population import Population
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.likelihood.element.record import DecelerationRecord
+from bayestissue.model.likelihood.record import DecelerationRecord
 from bayestissue.recordings.signal import Displacements
 
 

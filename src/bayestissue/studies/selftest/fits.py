@@ -72,7 +72,7 @@ def displacements(folder: Path, *, sampled: bool) -> pd.DataFrame:
         time_to_peak,
         to_differences,
     )
-    from bayestissue.model.likelihood.arma.arma21 import arma21_series
+    from bayestissue.model.likelihood.arma21 import arma21_series
     from bayestissue.recordings.dataset import write_dataset
 
     truth = campaign(folder / "decelerations")

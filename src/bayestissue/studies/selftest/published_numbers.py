@@ -12,7 +12,7 @@ import numpy as np
 
 from bayestissue.base.declarations import declared
 from bayestissue.inference.results.error_sources import NOISE, by_source
-from bayestissue.model.likelihood import arma21_log_likelihood
+from bayestissue.model.likelihood.arma21 import arma21_log_likelihood
 from bayestissue.studies.selftest.decaying import fitted_exponentials
 from bayestissue.studies.selftest.mixed_models import columns, data, least_objective, sleep_objective
 

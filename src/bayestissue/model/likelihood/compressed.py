@@ -33,15 +33,16 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 from bayestissue.mechanics.elements import Element
-from bayestissue.model.likelihood.arma.displacements import DisplacementRecord
-from bayestissue.model.likelihood.element.impact import MeasuredImpact
-from bayestissue.model.likelihood.element.record import DecelerationRecord
+from bayestissue.mechanics.entire import horner
+from bayestissue.model.likelihood.displacements import DisplacementRecord
+from bayestissue.model.likelihood.impact import MeasuredImpact
 from bayestissue.model.likelihood.linear_errors import (
     Products,
     from_lower_entries,
     marginal_log_likelihood,
 )
-from bayestissue.model.likelihood.quadratic import sums_over_frequencies
+from bayestissue.model.likelihood.moving_average import sums_over_frequencies
+from bayestissue.model.likelihood.record import DecelerationRecord
 
 TERMS, RADIUS = 28, 3.0
 _PAIRS = TERMS // 2
@@ -198,13 +199,6 @@ def _series(x: Array, v: Array, p: Array, q: Array, unit: Array) -> tuple[list[A
 def _at_nodes(series: list[Array], later: Float[Array, "pair lane"]) -> Float[Array, "node lane"]:
     """The sum of a series at these nodes and as far before: even terms and odd ones apart, each once."""
     square = later**2
-    even, odd = (_horner(series[start::2], square) for start in (0, 1))
+    even, odd = (horner(series[start::2], square) for start in (0, 1))
     even, odd = jax.lax.optimization_barrier((even, odd * later))
     return jnp.concatenate([(even - odd)[::-1], even + odd])
-
-
-def _horner(coefficients: list[Array], x: Array) -> Array:
-    total = jnp.broadcast_to(coefficients[-1], x.shape)
-    for coefficient in reversed(coefficients[:-1]):
-        total = total * x + coefficient
-    return total

@@ -16,27 +16,17 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.base.padding import padded_zeros
 from bayestissue.mechanics.elements.element import GRAVITY
-from bayestissue.model.likelihood.element.recorder import Colour, LowPass
-from bayestissue.model.likelihood.linear_errors import LOG_2PI, part_of
+from bayestissue.model.likelihood.linear_errors import part_of
+from bayestissue.model.likelihood.recorder import Colour, LowPass
+from bayestissue.model.likelihood.small import LOG_2PI
 
 # Among the errors of the measuring chain; the gain, if it is another than the velocity's, is there.
 VELOCITY, GAIN, OFFSET, CONTACT = 0, 1, -2, -1
 # By so much of an interval contact may seem to be beyond it. With a tenth, places of twenty impacts on a
 # sample drew their mean to the middle, and 90 % intervals of C held 80 % at ten samples and 1 % of noise.
 _CLEAR = 0.5
-_MERGED = {
-    "velocity_error": "velocity and gain",
-    "offset_error": "offset",
-    "contact_time_error": "contact moment",
-}
-_SEPARATE = {
-    "velocity_error": "velocity",
-    "gain_error": "gain",
-    "offset_error": "offset",
-    "contact_time_error": "contact moment",
-}
-
-_WITH_FORCE = {
+# By their names in the posterior, which link of the measuring chain errs; those of a force only beside one.
+_LINKS = {
     "velocity_error": "velocity",
     "gain_error": "gain",
     "force_offset_error": "force's zero",
@@ -44,6 +34,19 @@ _WITH_FORCE = {
     "offset_error": "offset",
     "contact_time_error": "contact moment",
 }
+# Where an error of the gain is one of the velocity.
+_MERGED = ("velocity_error", "offset_error", "contact_time_error")
+
+
+def chosen_impacts[T](tree: T, rows: Int[np.ndarray, " row"]) -> T:
+    """Some impacts of a tree of arrays; a recorder's filter and noise are those of all."""
+    shared = (Colour, LowPass)
+
+    def chosen(part: Any) -> Any:
+        return part if isinstance(part, shared) else np.asarray(part)[rows]
+
+    of_rows: T = jax.tree.map(chosen, tree, is_leaf=lambda part: isinstance(part, shared))
+    return of_rows
 
 
 class Contact(NamedTuple):
@@ -74,8 +77,7 @@ class Contact(NamedTuple):
     def known(cls, uniform: Bool[Array | np.ndarray, " impact"]) -> Contact:
         """At ``first_time`` but for its error."""
         number = len(uniform)
-        nothing = np.zeros(number)
-        none = np.zeros(number, int)
+        none, nothing = np.zeros(number, int), np.zeros(number)
         parts: Any = (uniform, np.zeros((number, 0)), none, none, nothing, nothing + 0.5)
         return cls(*parts)
 
@@ -96,11 +98,8 @@ class Contact(NamedTuple):
         early, density = np.where(counts, before, 0.0), np.zeros(len(before))
         if quiet_sd is not None:
             density = -(n_before * (LOG_2PI + 2 * np.log(quiet_sd)) + (early**2).sum(1) / quiet_sd**2) / 2
-        uniform, fraction = (
-            np.full(len(before), place is None),
-            np.full(len(before), 0.5 if place is None else place),
-        )
-        of_quiet = np.broadcast_to(n_quiet, len(before))
+        of_all = (place is None, n_quiet, 0.5 if place is None else place)
+        uniform, of_quiet, fraction = (np.full(len(before), value) for value in of_all)
         parts: Any = (uniform, early, n_before, of_quiet, density, fraction)
         return cls(*parts)
 
@@ -144,7 +143,7 @@ class UnevenTimes(NamedTuple):
 
 
 class Discrepancy(NamedTuple):
-    """The modes of a smooth force beside the element's: see `bayestissue.model.likelihood.element.noise`.
+    """The modes of a smooth force beside the element's: see `bayestissue.model.likelihood.noise`.
 
     Attributes:
         basis: modes, orthonormal over each impact's samples and 0 past its end.
@@ -181,12 +180,6 @@ class ForceRows(NamedTuple):
     colour: Colour | None = None
     rate: Int[Array, " impact"] | None = None
 
-    def impacts(self, rows: Int[np.ndarray, " row"]) -> ForceRows:
-        """Of some impacts; the filter and its noise are those of all."""
-        shared: Any = {"colour": None, "low_pass": None}
-        chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
-        return chosen._replace(colour=self.colour, low_pass=self.low_pass)
-
     @property
     def below(self) -> bool:
         """Whether it was recorded below the tissue."""
@@ -203,8 +196,7 @@ class ForceRows(NamedTuple):
 
     def padded(self) -> ForceRows:
         """With as many samples, 0 past a row's end, as a `bucket` holds."""
-        usable = None if self.usable is None else padded_zeros(self.usable, 1)
-        return self._replace(y=padded_zeros(self.y, 1), usable=usable)
+        return self._replace(y=padded_zeros(self.y, 1), usable=padded_zeros(self.usable, 1))
 
 
 class DecelerationRecord(NamedTuple):
@@ -282,6 +274,7 @@ class DecelerationRecord(NamedTuple):
         """Of white noise without a discrepancy; values past a row's end are cleared."""
         number, samples = d.shape
         inside = np.arange(samples) < np.asarray(n_samples)[:, None]
+        modes: Any = (np.zeros((number, 0, samples)), np.zeros((number, 0)))
         parts: Any = {
             "d": np.where(inside, d, 0.0),
             "n_samples": n_samples,
@@ -291,18 +284,14 @@ class DecelerationRecord(NamedTuple):
             "error_sd": error_sd,
             "velocity_share": np.ones(number),
             "mass": mass,
+            "surroundings": surroundings,
+            "contact": contact,
+            "discrepancy": Discrepancy(*modes),
+            "colour": Colour.white_noise(),
             "rate": np.zeros(number, int),
             "common_depth": np.zeros(number),
         }
-        modes: Any = (np.zeros((number, 0, samples)), np.zeros((number, 0)))
-        record = cls(
-            **parts,
-            surroundings=surroundings,
-            contact=contact,
-            discrepancy=Discrepancy(*modes),
-            colour=Colour.white_noise(),
-        )
-        on_device: DecelerationRecord = jax.device_put(jax.tree.map(np.asarray, record))
+        on_device: DecelerationRecord = jax.device_put(jax.tree.map(np.asarray, cls(**parts)))
         return on_device
 
     @property
@@ -318,9 +307,11 @@ class DecelerationRecord(NamedTuple):
     @property
     def errors(self) -> dict[str, str]:
         """What each column of ``error_sd`` is called in the posterior, and which link of the chain errs."""
-        if self.force is not None:
-            return _WITH_FORCE
-        return _MERGED if self.side_by_side else _SEPARATE
+        if self.side_by_side:
+            links = {name: _LINKS[name] for name in _MERGED}
+            return links | {"velocity_error": "velocity and gain"}
+        with_force = self.force is not None
+        return {name: link for name, link in _LINKS.items() if with_force or not name.startswith("force")}
 
     def of_gain(self, log_gain: Float[Array, " impact"]) -> Float[Array, "impact error"]:
         """What a gain in error adds to the errors of the chain, the velocity's where that is one with it."""
@@ -367,20 +358,16 @@ class DecelerationRecord(NamedTuple):
         return self._replace(d=jnp.where(self.inside(), jnp.asarray(traces), 0.0))
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DecelerationRecord:
-        """The record of some impacts; the recorder's filter and noise are those of all."""
-        shared: Any = {"colour": None, "low_pass": None, "force": None}
-        chosen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], self._replace(**shared))
-        force = self.force and self.force.impacts(rows)
-        return chosen._replace(colour=self.colour, low_pass=self.low_pass, force=force)
+        """The record of some impacts."""
+        return chosen_impacts(self, rows)
 
     def padded(self) -> DecelerationRecord:
         """With as many samples, 0 past a row's end, as a `bucket` holds."""
-        basis = padded_zeros(self.discrepancy.basis, -1)
+        d, basis, clipped = padded_zeros((self.d, self.discrepancy.basis, self.clipped), -1)
+        discrepancy = self.discrepancy._replace(basis=basis)
         uneven = self.uneven and self.uneven._replace(later=padded_zeros(self.uneven.later, 1))
-        clipped = None if self.clipped is None else padded_zeros(self.clipped, 1)
         force = self.force and self.force.padded()
-        padded = self._replace(d=padded_zeros(self.d, 1), uneven=uneven, clipped=clipped, force=force)
-        return padded._replace(discrepancy=self.discrepancy._replace(basis=basis))
+        return self._replace(d=d, discrepancy=discrepancy, uneven=uneven, clipped=clipped, force=force)
 
     def with_normal_errors(self) -> DecelerationRecord:
         """The same, every error of the measuring chain taken as normal with its standard deviation.
@@ -445,8 +432,6 @@ class DecelerationRecord(NamedTuple):
             return self.first_time[:, None] + self.uneven.later
         return self.first_time[:, None] + jnp.arange(self.d.shape[1]) * self.dt[:, None]
 
-    def step(
-        self,
-    ) -> Float[Array, "impact _"]:
+    def step(self) -> Float[Array, "impact _"]:
         """From each sample to the next [s]; one for all where times are even."""
         return self.dt[:, None] if self.uneven is None else jnp.diff(self.uneven.later, axis=1)

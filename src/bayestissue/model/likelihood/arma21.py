@@ -11,11 +11,15 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from bayestissue.model.likelihood.quadratic import eigenvalues, log_determinant
-from bayestissue.model.likelihood.transforms import sine_transform, spread_of
+from bayestissue.model.likelihood.moving_average import (
+    eigenvalues,
+    log_determinant,
+    sine_transform,
+    spread_of,
+)
+from bayestissue.model.likelihood.small import LOG_2PI
 
 Start = Literal["free", "stationary"]
-LOG_2PI = 1.8378770664093453
 
 
 @partial(jax.jit, static_argnames="start")
@@ -31,7 +35,7 @@ def arma21_log_likelihood(
 
     Free start: -(N log(2 pi sigma_a^2) + log det T + W' L^-1 W / sigma_a^2) / 2, N = n - 2, with
     W = DST(x''_t + c1 x'_{t-1} + c2 x_{t-2}), c1 = 2 - phi1, c2 = 1 - phi1 - phi2, and T and its eigenvalues
-    L as of `bayestissue.model.likelihood.quadratic`.
+    L as of `bayestissue.model.likelihood.moving_average`.
 
     Args:
         x: one series of at least three samples on the last axis [m]; leading axes broadcast with the

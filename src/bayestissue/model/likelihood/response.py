@@ -14,8 +14,8 @@ from jaxtyping import Float
 
 from bayestissue.mechanics.elements import Element, linear, solver
 from bayestissue.mechanics.elements.element import GRAVITY, Collision
-from bayestissue.model.likelihood.element.record import Contact, DecelerationRecord, ForceRows
-from bayestissue.model.likelihood.element.recorder import (
+from bayestissue.model.likelihood.record import Contact, DecelerationRecord, ForceRows
+from bayestissue.model.likelihood.recorder import (
     EARLIER,
     PIECES,
     Flow,

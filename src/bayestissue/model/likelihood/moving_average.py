@@ -1,61 +1,28 @@
-"""The sine transforms of the recorded impacts, made once: all the likelihood needs to know of the data.
+"""An MA(1)'s covariance, and the sine transforms of recorded impacts: all that a likelihood needs of them.
 
 Given its first two values, an ARMA(2,1) is an MA(1) seen through w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2}
-(backward differences), and the covariance of an MA(1) has the sine basis of the DST-I for its
-eigenvectors whatever theta1 is. Since w is linear in (c1, c2), so is its transform.
+(backward differences). The MA(1)'s covariance over sigma^2, T, is tridiagonal, 1 + theta1^2 on and -theta1
+beside the diagonal, and has the sine basis of the DST-I for its eigenvectors whatever theta1 is. Since w is
+linear in (c1, c2), so is its transform.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int, Num
+from jaxtyping import Float, Int
 from scipy import fft
+
+from bayestissue.mechanics.entire import sinc_root
 
 # Sums over frequencies run over this many blocks first: a loop short enough to be unrolled by the compiler,
 # whose body then runs over the lanes in vector registers. The lanes come in whole registers.
 BLOCKS = 8
 FILLED = 8 * BLOCKS
-
-
-class SineTransforms(NamedTuple):
-    """What the exact likelihood reads of a set of impacts.
-
-    Attributes:
-        x: the displacements themselves, zero after the last sample [m].
-        columns: orthonormal DST-I of x''_t, x'_{t-1} and x_{t-2}, t = 3 ... n, in blocks of frequencies,
-            zero beyond the last one [m].
-        spread: 2 - 2 cos(j pi / (N + 1)), N = n - 2, one row for all impacts when all are equally long.
-        size: N, the number of transformed values of each impact.
-    """
-
-    x: Float[Array, "impact sample"]
-    columns: tuple[Float[Array, "block impact lane"], ...]
-    spread: Float[Array, " block #impact lane"]
-    size: Float[Array, " impact"]
-
-
-def sine_transforms(
-    x: Float[np.ndarray, "impact sample"], n_samples: Num[np.ndarray, " impact"] | None = None
-) -> SineTransforms:
-    """Transform all impacts, those of one length in one call.
-
-    Args:
-        x: displacement of each impact [m], padded at the end.
-        n_samples: length of each impact, at least 3; the whole width of ``x`` unless given.
-    """
-    x = np.atleast_2d(np.asarray(x, float))
-    lengths = np.broadcast_to(x.shape[1] if n_samples is None else np.asarray(n_samples, int), len(x))
-    columns, spread = transformed(x, lengths, -(-(x.shape[1] - 2) // FILLED))
-    one_length = len(np.unique(lengths)) == 1
-    clean = np.where(np.arange(x.shape[1]) < lengths[:, None], x, 0.0)
-    return SineTransforms(
-        jax.device_put(clean), columns, spread[:, :1] if one_length else spread, jax.device_put(lengths - 2.0)
-    )
 
 
 def transformed(
@@ -108,3 +75,52 @@ def sine_transform(series: Float[Array, "*batch sample"]) -> Float[Array, "*batc
     zero = jnp.zeros_like(series[..., :1])
     odd = jnp.concatenate([zero, series, zero, -series[..., ::-1]], axis=-1)
     return -jnp.fft.rfft(odd)[..., 1 : n + 1].imag / jnp.sqrt(2.0 * (n + 1))
+
+
+def eigenvalues(theta1: Array, spread: Array) -> Array:
+    """1 + theta1^2 - 2 theta1 cos(j pi / (N + 1)) with spread = 2 - 2 cos(j pi / (N + 1))."""
+    return (1 - theta1) ** 2 + theta1 * spread
+
+
+@jax.custom_jvp
+def sums_over_frequencies(terms: tuple[Array, ...]) -> tuple[Array, ...]:
+    """The sum over block and lane of every term, all in one pass over what they share.
+
+    The blocks are summed first, lane by lane: that loop is short enough to be unrolled, and then runs over
+    the lanes in vector registers. One reduction of several operands is one loop, several are several.
+
+    Args:
+        terms: two or more, each [block, impact, lane].
+    """
+    zeros = (jnp.zeros((), terms[0].dtype),) * len(terms)
+    lanes = tuple(jax.lax.reduce(terms, zeros, _plus, (0,)))
+    return tuple(jax.lax.reduce(lanes, zeros, _plus, (1,)))
+
+
+def _plus(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
+    return tuple(x + y for x, y in zip(a, b, strict=True))
+
+
+@sums_over_frequencies.defjvp
+def _sums_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    # JAX's own derivative of a reduction of several operands is far slower than that of plain sums.
+    return sums_over_frequencies(*primals), tuple(d.sum((0, -1)) for d in tangents[0])
+
+
+def log_determinant(theta1: Array, count: Array) -> Array:
+    """Log det T = log(1 + theta1^2 + theta1^4 + ... + theta1^(2 N)) for N = count values.
+
+    With a = log |theta1| that is N a + log(sinh((N + 1) a) / sinh a), smooth where a is 0. Away from there
+    it is the geometric sum (1 - q^(N+1)) / (1 - q) of q = theta1^2, beyond 1 read backwards. Arguments
+    broadcast.
+    """
+    square, terms = theta1**2, count + 1
+    beyond = square > 1
+    inner = jnp.where(beyond, 1 / jnp.where(beyond, square, 1.0), square)
+    near = -terms * jnp.log(jnp.maximum(inner, 1e-300)) < 1
+    a = jnp.log(jnp.where(near, square, 1.0)) / 2
+    by_sines = count * a + jnp.log(terms * sinc_root(-((terms * a) ** 2)) / sinc_root(-(a**2)))
+    far = jnp.where(near, 0.5, inner)
+    by_sum = jnp.log1p(-(far**terms)) - jnp.log1p(-far)
+    reversed_ = count * jnp.log(jnp.where(beyond & ~near, square, 1.0))
+    return jnp.where(near, by_sines, by_sum + reversed_)

@@ -8,6 +8,7 @@ values and all derivatives pass through q = 0 unharmed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import comb, factorial
 
 import jax.numpy as jnp
@@ -26,7 +27,7 @@ def sinc_root(q: ArrayLike) -> Array:
     # sinh of a root that belongs to a positive q could overflow and poison the gradient
     above = jnp.sinh(jnp.where(q < 0, root, 1.0)) / root
     away_from_zero = jnp.where(q < 0, above, jnp.sin(root) / root)
-    return jnp.where(small, _horner(_SINE_SERIES, jnp.where(small, q, 0.0)), away_from_zero)
+    return jnp.where(small, horner(_SINE_SERIES, jnp.where(small, q, 0.0)), away_from_zero)
 
 
 def chord(q: ArrayLike) -> Array:
@@ -51,7 +52,7 @@ def arc_chord(h: ArrayLike) -> Array:
     below = (2 * jnp.arctan2(jnp.sqrt(positive), jnp.sqrt(4.0 - positive))) ** 2
     above = -((2 * jnp.arcsinh(jnp.sqrt(jnp.where(small | (h > 0), 1.0, -h)) / 2)) ** 2)
     series = jnp.where(small, h, 0.0)
-    return jnp.where(small, series * _horner(_ARC_SERIES, series), jnp.where(h < 0, above, below))
+    return jnp.where(small, series * horner(_ARC_SERIES, series), jnp.where(h < 0, above, below))
 
 
 def damped_pair(angle: ArrayLike, zeta: ArrayLike) -> tuple[Array, Array]:
@@ -81,7 +82,8 @@ def roots_above(angle: Array, zeta: Array) -> tuple[Array, Array, Array]:
     return angle**2 / fast, fast, beta
 
 
-def _horner(coefficients: tuple[float, ...], x: Array) -> Array:
+def horner(coefficients: Sequence[float | Array], x: Array) -> Array:
+    """The polynomial with these coefficients, that of 1 first."""
     total = jnp.full_like(x, coefficients[-1])
     for coefficient in coefficients[-2::-1]:
         total = total * x + coefficient

@@ -29,9 +29,9 @@ from jaxtyping import Float
 
 from bayestissue.model.likelihood import small
 from bayestissue.model.likelihood.channels import SensorTrace
-from bayestissue.model.likelihood.element.noise import TraceNoise
-from bayestissue.model.likelihood.element.record import DecelerationRecord
-from bayestissue.model.likelihood.linear_errors import LOG_2PI, Errors, Products, predicted_given
+from bayestissue.model.likelihood.linear_errors import Errors, Products, predicted_given
+from bayestissue.model.likelihood.noise import TraceNoise
+from bayestissue.model.likelihood.record import DecelerationRecord
 
 
 def log_probability(
@@ -55,7 +55,7 @@ def log_probability(
     at_limit, scaled = sign != 0, sign * jnp.exp(-log_sigma)
     a = jnp.where(at_limit, scaled * above, 0.0)
     log_phi = jnp.where(at_limit, log_ndtr(a), 0.0)
-    h = jnp.where(at_limit, jnp.exp(-(a**2 + LOG_2PI) / 2 - log_phi), 0.0)
+    h = jnp.where(at_limit, jnp.exp(-(a**2 + small.LOG_2PI) / 2 - log_phi), 0.0)
     b = [scaled * part for part in along]
     slope = [(h * part).sum(0) for part in b]
     bend = h * (h + a)

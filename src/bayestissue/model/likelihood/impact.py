@@ -4,8 +4,8 @@
 the errors are d's derivative by V, d itself, 1 and minus its derivative in time. An element that is not
 linear tells gain from velocity, since its deceleration is not in proportion to V, and so does gravity along
 the motion, which does not come with V. What the samples share besides is noise: see
-`bayestissue.model.likelihood.element.noise`. When contact was may be for the trace to tell: see
-`bayestissue.model.likelihood.element.contact_cells`.
+`bayestissue.model.likelihood.noise`. When contact was may be for the trace to tell: see
+`bayestissue.model.likelihood.contact_cells`.
 """
 
 from __future__ import annotations
@@ -21,14 +21,12 @@ from jaxtyping import Float
 
 from bayestissue.mechanics.elements import Element
 from bayestissue.mechanics.elements.element import Collision
-from bayestissue.model.likelihood import small
+from bayestissue.model.likelihood import clipped, contact_cells, noise, small
 from bayestissue.model.likelihood.channels import MeasuredTraces, SensorTrace
-from bayestissue.model.likelihood.element import clipped, contact_cells, noise
-from bayestissue.model.likelihood.element.force_channel import force_channel
-from bayestissue.model.likelihood.element.noise import TraceNoise
-from bayestissue.model.likelihood.element.record import CONTACT, DecelerationRecord
-from bayestissue.model.likelihood.element.response import Response, collision_of, response
 from bayestissue.model.likelihood.linear_errors import Errors, Products, draw_errors, marginal_log_likelihood
+from bayestissue.model.likelihood.noise import TraceNoise
+from bayestissue.model.likelihood.record import CONTACT, DecelerationRecord
+from bayestissue.model.likelihood.response import Response, collision_of, response
 
 # A response this many times the trace is no impact; the products would keep seven digits.
 _GREATEST = 1e4
@@ -129,7 +127,7 @@ class MeasuredImpact(MeasuredTraces):
         ratio, log_sigma = parameters.log_force_ratio, parameters.log_force_sigma
         if force is None or predicted.force is None or ratio is None or log_sigma is None:
             return []
-        return [force_channel(predicted.force, force, ratio, log_sigma)]
+        return [contact_cells.force_channel(predicted.force, force, ratio, log_sigma)]
 
     def products(self, predicted: Response | None = None) -> Products:
         """Of residuals and error columns, over all channels; ``predicted`` as of `channels`."""

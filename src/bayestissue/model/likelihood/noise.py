@@ -32,9 +32,9 @@ from scipy.linalg import solve_toeplitz, toeplitz
 
 from bayestissue.base.padding import bucket
 from bayestissue.model.likelihood.channels import SensorTrace
-from bayestissue.model.likelihood.element.record import Discrepancy
-from bayestissue.model.likelihood.element.recorder import Colour
 from bayestissue.model.likelihood.linear_errors import Products
+from bayestissue.model.likelihood.record import Discrepancy
+from bayestissue.model.likelihood.recorder import Colour
 
 LEAST_EIGENVALUE = 0.02
 # f, at the least: what is divided by it keeps nine digits.

@@ -1,1 +1,0 @@
-"""Decelerations of an impact on a mechanical element."""
