@@ -49,9 +49,18 @@ class SensorTrace[N: Noise](NamedTuple):
         """Residual and columns."""
         return jnp.concatenate([self.residual[:, :, None], self.columns], axis=2)
 
-    def left(self, errors: Float[Array, "*batch impact error"]) -> Float[Array, "*batch impact row"]:
+    def left(self, errors: Float[Array, "impact error"]) -> Float[Array, "impact row"]:
         """What such errors leave of the residual; contact is known."""
-        return self.residual[:, 0] - jnp.einsum("...ie,ier->...ir", errors, self.columns[:, 0])
+        return self.residual[:, 0] - jnp.einsum("ie,ier->ir", errors, self.columns[:, 0])
+
+    def replicate(
+        self,
+        recorded: Float[Array, "impact row"],
+        errors: Float[Array, "impact error"],
+        shocks: Float[Array, "impact row"],
+    ) -> Float[Array, "impact row"]:
+        """Y as such errors and noise, over sigma, would have made it; contact is known."""
+        return recorded - self.left(errors) + jnp.exp(self.log_sigma)[:, None] * shocks
 
     def over_noise(
         self, rows: Float[Array, "impact cell part row"]
@@ -129,8 +138,6 @@ class MeasuredTraces:
         """The errors given the recorded traces."""
         return draw_errors(key, self.products(), self.errors)
 
-    def prior_errors(
-        self, key: Array, sample_shape: tuple[int, ...] = ()
-    ) -> Float[Array, "*batch impact error"]:
+    def prior_errors(self, key: Array) -> Float[Array, "impact error"]:
         """The errors before any trace is seen; contact is known."""
-        return self.errors.drawn(key, sample_shape)
+        return self.errors.drawn(key)

@@ -31,7 +31,6 @@ from bayestissue.model.likelihood.channels import SensorTrace
 from bayestissue.model.likelihood.linear_errors import Products
 from bayestissue.model.likelihood.noise import TraceNoise, filtered, products, products_under
 from bayestissue.model.likelihood.record import CONTACT, GAIN, OFFSET, DecelerationRecord, ForceRows
-from bayestissue.model.likelihood.recorder import Colour
 from bayestissue.model.likelihood.response import Response, columns
 
 _ROOT_12 = 12**0.5
@@ -111,8 +110,7 @@ def force_channel(
     none, late = jnp.zeros_like(one), -share * jerk
     residual = jnp.where(inside[:, None], force.y[:, None] - share * d, 0.0)
     columns = jnp.stack([share * by_velocity, none, one, late, none, late], axis=2)
-    colour, rate = force.colour or Colour.white_noise(), force.rate
-    rate = jnp.zeros(len(inside), int) if rate is None else rate
+    colour, rate = force.noise
     return SensorTrace(residual, columns, log_sigma, TraceNoise.of(inside, colour, rate), colour.stride)
 
 

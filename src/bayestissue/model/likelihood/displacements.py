@@ -248,21 +248,21 @@ class MeasuredDisplacement(MeasuredTraces):
         noise = MovingAverage(inside, eigenvalue)
         return [SensorTrace(residual, jnp.stack(columns, axis=2), self.log_sigma, noise)]
 
-    def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
-        """Draw traces from the record's first two values on: the recursion, then the chain's errors."""
+    def _drawn(self, key: Array) -> Float[Array, "impact sample"]:
+        """Traces from the record's first two values on: the recursion, then the chain's errors."""
         key_of_x, key_of_errors = jax.random.split(key)
         record = self.record
         c1, c2, theta1 = self.differences()
-        shape, width = (*sample_shape, len(record.x)), record.x.shape[1]
-        errors = self.prior_errors(key_of_errors, sample_shape)
+        count, width = record.x.shape
+        errors = self.prior_errors(key_of_errors)
         if self.log_gain is not None:
             errors = errors + record.of_gain(self.log_gain)
         time = record.first_time[:, None] + jnp.arange(width) * record.dt[:, None]
-        e0, e1, e2 = (errors[..., i, None] for i in range(3))
+        e0, e1, e2 = errors.T[..., None]
         added = e0 + e1 * time + e2 * time**2 / 2 + self.equilibrium()[:, None]
-        shocks = jnp.exp(self.log_sigma) * jax.random.normal(key_of_x, (width + 1, *shape))
-        clean = arma21_series(record.x[:, :2] - added[..., :2], shocks[2:], c1, c2, theta1)
-        inside = jnp.arange(record.x.shape[1]) < record.n_samples[:, None]
+        shocks = jnp.exp(self.log_sigma) * jax.random.normal(key_of_x, (width + 1, count))
+        clean = arma21_series(record.x[:, :2] - added[:, :2], shocks[2:], c1, c2, theta1)
+        inside = jnp.arange(width) < record.n_samples[:, None]
         return jnp.where(inside, clean + added, 0.0)
 
     def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
@@ -274,7 +274,7 @@ class MeasuredDisplacement(MeasuredTraces):
 
         Along gravity the deceleration is force over mass, as recorded ones are.
         """
-        record, trace = self.record, self.sample(key)
+        record, trace = self.record, self._drawn(key)
         fall = 0.0 if record.gravity is None else record.gravity[:, None]
         bend = fall - jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
         edges = jnp.pad(bend, ((0, 0), (1, 1)), constant_values=jnp.nan)

@@ -225,34 +225,6 @@ class MeasuredImpact(MeasuredTraces):
         """What these errors and the impact leave of the recorded traces [m/s^2]; contact is known."""
         return jnp.where(self.record.inside(), self.channels()[0].left(errors), 0.0)
 
-    def _replicated_force(self, key: Array) -> Float[Array, "impact row"]:
-        """A force [N] of the impact and errors that `sample` has by this key; contact is known."""
-        force = self.record.force
-        assert force is not None  # noqa: S101 - for the type checker
-        errors = self.prior_errors(_keys_of_sample(key)[1])
-        key, channel = jax.random.fold_in(key, 5), self.channels()[1]
-        if force.colour is None or force.rate is None:
-            shocks = jax.random.normal(key, force.y.shape)
-        else:
-            shocks = noise.drawn(force.colour, force.rate, key, force.y.shape)
-        drawn = force.y - channel.left(errors) + jnp.exp(channel.log_sigma)[:, None] * shocks
-        return jnp.where(force.inside(), self.record.mass[:, None] * drawn, jnp.nan)
-
-    def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
-        """Draw traces: the impact, its discrepancy, the chain's errors and noise.
-
-        Where the recorded trace has to tell when contact was, contact is where it has it: the samples are
-        counted from what it shows.
-        """
-        if self.record.contact.reach:
-            return self.with_contact_found(key).sample(key, sample_shape)
-        key_of_noise, key_of_errors = _keys_of_sample(key)
-        record, left = self.record, self.channels()[0].left(self.prior_errors(key_of_errors, sample_shape))
-        shocks = jax.random.normal(key_of_noise, left.shape)
-        if not record.colour.is_white:
-            shocks = noise.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), left.shape)
-        return jnp.where(record.inside(), record.d - left + self.sigma[:, None] * shocks, 0.0)
-
     def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
         """What the noise of each trace is, by the names that posteriors have."""
         return {"sigma_d": self.sigma}
@@ -260,17 +232,20 @@ class MeasuredImpact(MeasuredTraces):
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
         """A replicate of every trace, the deceleration [m/s^2] with its discrepancy; NaN past its end.
 
-        Of a force beside it one too [N].
-
-        Of a clipped trace the sensor's limit cuts it too.
+        Of a force beside it one too [N]. Of a clipped trace the sensor's limit cuts it too. Where the
+        recorded trace has to tell when contact was, contact is where it has it: the samples are counted from
+        what it shows.
         """
-        known = self.with_contact_found(key)
-        recorded = known.record.within_limits(known.sample(key))
-        traces = {"deceleration": jnp.where(known.record.inside(), recorded, jnp.nan)}
-        return traces if known.record.force is None else traces | {"force": known._replicated_force(key)}
-
-
-def _keys_of_sample(key: Array) -> tuple[Array, Array]:
-    """Of the noise, and of the chain's errors."""
-    first, second = jax.random.split(key)
-    return first, second
+        if self.record.contact.reach:
+            return self.with_contact_found(key).replicate(key)
+        (of_noise, of_errors), record, force = jax.random.split(key), self.record, self.record.force
+        errors, channels = self.prior_errors(of_errors), self.channels()
+        of_noise = of_noise if record.colour.is_white else jax.random.fold_in(key, 4)
+        shocks = noise.drawn(record.colour, record.rate, of_noise, record.d.shape)
+        d = record.within_limits(channels[0].replicate(record.d, errors, shocks))
+        traces = {"deceleration": jnp.where(record.inside(), d, jnp.nan)}
+        if force is not None:
+            shocks = noise.drawn(*force.noise, jax.random.fold_in(key, 5), force.y.shape)
+            of_mass = record.mass[:, None] * channels[1].replicate(force.y, errors, shocks)
+            traces["force"] = jnp.where(force.inside(), of_mass, jnp.nan)
+        return traces

@@ -42,13 +42,12 @@ class Errors(NamedTuple):
             return self.sd
         return self.sd.at[..., -1].multiply(jnp.where(self.uniform, _ROOT_3, 1.0))
 
-    def drawn(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Float[Array, "*batch impact error"]:
-        """Draws before any trace is seen."""
-        errors = self.sd * jax.random.normal(key, (*sample_shape, *self.sd.shape))
+    def drawn(self, key: Array) -> Float[Array, "impact error"]:
+        """A draw before any trace is seen."""
+        errors = self.sd * jax.random.normal(key, self.sd.shape)
         if self.uniform is None:
             return errors
-        shape = (*sample_shape, *self.sd.shape[:-1])
-        even = jax.random.uniform(jax.random.fold_in(key, 1), shape, minval=-1.0, maxval=1.0)
+        even = jax.random.uniform(jax.random.fold_in(key, 1), errors.shape[:-1], minval=-1.0, maxval=1.0)
         last = jnp.where(self.uniform, self.unit[..., -1] * even, errors[..., -1])
         return errors.at[..., -1].set(last)
 

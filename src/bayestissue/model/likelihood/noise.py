@@ -184,7 +184,9 @@ def _stride(white: float, correlations: Correlation) -> int:
 def drawn(
     colour: Colour, rate: Int[Array, " impact"], key: Array, shape: tuple[int, ...]
 ) -> Float[Array, "*batch impact sample"]:
-    """Coloured noise over sigma on all samples: part of a circle of them, whose covariance is circulant."""
+    """Noise over sigma on all samples: coloured, part of a circle of them, whose covariance is circulant."""
+    if colour.is_white:
+        return jax.random.normal(key, shape)
     root = colour.spectrum[rate]
     length = 2 * (root.shape[-1] - 1)
     white = jnp.fft.rfft(jax.random.normal(key, (*shape[:-1], length)))

@@ -181,6 +181,13 @@ class ForceRows(NamedTuple):
     rate: Int[Array, " impact"] | None = None
 
     @property
+    def noise(self) -> tuple[Colour, Int[Array, " impact"]]:
+        """Its colour, and which of that noise's sampling rates each impact has."""
+        if self.colour is None or self.rate is None:
+            return Colour.white_noise(), jnp.zeros(len(self.y), int)
+        return self.colour, self.rate
+
+    @property
     def below(self) -> bool:
         """Whether it was recorded below the tissue."""
         return self.tip is None

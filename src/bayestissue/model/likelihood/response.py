@@ -100,10 +100,8 @@ def motion(collision: Collision, record: DecelerationRecord) -> ElementMotion:
     )
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(2,))
-def response(
-    collision: Collision, record: DecelerationRecord, reading: Reading = Collision.deceleration
-) -> Response:
+@jax.custom_jvp
+def response(collision: Collision, record: DecelerationRecord) -> Response:
     """The element's answer at the samples.
 
     Its slopes, by the element's parameters and by the time from contact to the first sample, go forwards
@@ -113,18 +111,17 @@ def response(
     Args:
         collision: the impacts, of the record's masses, velocities and surroundings.
         record: times of the samples.
-        reading: what is recorded.
     """
-    return _response(collision, record, reading)
+    return _response(collision, record)
 
 
 @response.defjvp
-def _response_jvp(reading: Reading, primals: Any, tangents: Any) -> tuple[Response, Response]:
+def _response_jvp(primals: Any, tangents: Any) -> tuple[Response, Response]:
     (collision, record), names = primals, [one.name for one in primals[0].element.parameters]
 
     def at(moved: Array) -> Response:
         p = collision.parameters | dict(zip(names, moved, strict=False))
-        return _response(replace(collision, parameters=p), record.with_first_time(moved[-1]), reading)
+        return _response(replace(collision, parameters=p), record.with_first_time(moved[-1]))
 
     moved, along = (
         jnp.stack([*(met.parameters[name] for name in names), times.first_time])
@@ -136,7 +133,9 @@ def _response_jvp(reading: Reading, primals: Any, tangents: Any) -> tuple[Respon
     return answer, change
 
 
-def _response(collision: Collision, record: DecelerationRecord, reading: Reading) -> Response:
+def _response(
+    collision: Collision, record: DecelerationRecord, reading: Reading = Collision.deceleration
+) -> Response:
     inside = True if record.contact.reach else record.inside()
     force = None if record.force is None else _of_force(collision, record, record.force)
     answered = _Sensor(collision, record, reading).by_velocity()

@@ -34,7 +34,7 @@ from bayestissue.recordings.signal.padded_traces import (
     noise_sd,
     stack,
 )
-from bayestissue.recordings.signal.phase import BETWEEN, ContactEvidence, Phase, phase_of
+from bayestissue.recordings.signal.phase import BETWEEN, Phase, phase_of
 from bayestissue.recordings.signal.signal_settings import CONTACT, WINDOW, SignalOptions, Window
 from bayestissue.recordings.signal.start import Start, beyond_limit, find_start
 
@@ -234,16 +234,14 @@ def displacements(
     if dataset.quantity == "displacement":
         return _joined([_recorded(met(rows), options) for rows in blocks])
     chosen = dataset.recorder, options, rule
-    signals, evidence = zip(*(_integrated(met(rows), *chosen) for rows in blocks), strict=True)
+    signals, tell = zip(*(_integrated(met(rows), *chosen) for rows in blocks), strict=True)
+    signal, sd = _joined(signals), dataset.uncertainty.of_velocity(velocity)
     if dataset.recorder is not None:
         # No force jumps behind a low-pass, and contact has no interval of its own.
-        return _joined(signals)
-    sd = dataset.uncertainty.of_velocity(velocity)
-    of_all = ContactEvidence(*map(np.concatenate, zip(*evidence, strict=True)))
-    phase = phase_of(of_all, sd, dataset.contact)
+        return signal
+    phase = phase_of(signal, np.concatenate(tell), sd, dataset.contact)
     if phase.known:
-        signals = tuple(_integrated(met(rows), *chosen, phase)[0] for rows in blocks)
-    signal = _joined(signals)
+        signal = _joined([_integrated(met(rows), *chosen, phase)[0] for rows in blocks])
     of_phase = [Coded.stated("contact-on-sample")] * (phase.known and phase.judged)
     of_phase += [NOT_ON_SAMPLE] * phase.contradicted
     return replace(signal, phase=phase, notes=[row + of_phase for row in signal.notes])
@@ -352,7 +350,8 @@ def _integrated(
     options: SignalOptions,
     rule: Rule,
     phase: Phase = BETWEEN,
-) -> tuple[Displacements, ContactEvidence]:
+) -> tuple[Displacements, Mask]:
+    """Of recorded decelerations; and which of them tell where in a sampling interval contact was."""
     onset = find_onset(recordings, options, recorder)
     quiet = onset.quiet
     recorded = from_sample(recordings, onset.first)
@@ -383,10 +382,7 @@ def _integrated(
     # Nor does one that begins with its greatest force, of heavily damped tissue: what falls from there on
     # falls the same way whenever it began, and least squares have too small an error.
     bracketed &= d[:, 0] < CONTACT.most_jump * np.where(inside, d, 0.0).max(axis=1)
-    at_zero = np.abs(part.start[:, None] - np.array([0.0, 1.0]) * dt[:, None]) < 1e-6 * dt[:, None]
-    return signal, ContactEvidence(
-        start.free, start.free_sd, start.by_velocity, dt, bracketed, onset.blurred, at_zero
-    )
+    return signal, bracketed
 
 
 def _recorded(recordings: ImpactTraces, options: SignalOptions) -> Displacements:

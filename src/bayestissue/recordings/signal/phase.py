@@ -30,7 +30,7 @@ forget that they share a recorder.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -41,28 +41,28 @@ from bayestissue.recordings.dataset.dataset_file import Contact
 from bayestissue.recordings.signal.padded_traces import Column, Mask
 from bayestissue.recordings.signal.signal_settings import PHASE
 
+if TYPE_CHECKING:
+    from bayestissue.recordings.signal.displacement import Displacements
+
 Kind = Literal["between", "first", "before", "undecided"]
 
 
 class ContactEvidence(NamedTuple):
-    """What each trace by itself says of contact, each [impact].
+    """What every trace that tells says of contact by itself, each [impact], in sampling intervals.
 
     Attributes:
-        before_s, sd: from contact to the first sample in contact, by least squares, and its error, s.
-        by_velocity: by how much that grows where the velocity is greater than stated, s per fraction of it.
-        dt: the sampling interval, s.
-        bracketed: contact was in the one interval before the first sample in contact.
-        blurred: noise hides in which interval it was.
-        at_zero: the clock's 0 is at the first sample in contact (column 0), or at the one before (column 1).
+        before, sd: from contact to the first sample in contact, by least squares, and its error.
+        by_velocity: by how much that grows where the velocity is a standard deviation greater than stated.
     """
 
-    before_s: Column
+    before: Column
     sd: Column
     by_velocity: Column
-    dt: Column
-    bracketed: Mask
-    blurred: Mask
-    at_zero: Float[np.ndarray, "impact 2"]
+
+    def by_common_error(self, nodes: int) -> tuple[Float[np.ndarray, "node impact"], Column]:
+        """t_i by quantiles of a velocity's error of all, and s_i."""
+        common = norm.ppf(_even(nodes))[:, None] * self.by_velocity
+        return self.before + common, np.sqrt(self.sd**2 + self.by_velocity**2 + PHASE.least_sd**2)
 
 
 class Phase(NamedTuple):
@@ -109,29 +109,39 @@ class Phase(NamedTuple):
 BETWEEN = Phase()
 
 
-def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact | None) -> Phase:
+def phase_of(signal: Displacements, tells: Mask, velocity_sd: Column, declared: Contact | None) -> Phase:
     """Where contact falls in all recordings.
 
     Args:
-        evidence: by each trace.
+        signal: of the recordings, contact anywhere in its interval.
+        tells: [impact], of which contact was in the one interval before the first sample in contact, and the
+            samples tell where.
         velocity_sd: of the velocity and gain together, as a fraction of it.
         declared: what ``dataset.toml`` says, if it does.
     """
     if declared == "between":
         return BETWEEN
-    if not (evidence.bracketed.any() or declared):
+    dt = signal.dt[:, None]
+    # The clock's 0 is at the first sample in contact, or at the one before.
+    at_zero = np.abs(signal.start[:, None] - np.array([0.0, 1.0]) * dt) < 1e-6 * dt
+    if not (tells.any() or declared):
         # Where the clock begins at contact, as whoever cut the recordings had it, no trace has to tell; where
         # noise hides contact none can by itself.
-        untold = evidence.at_zero.all(axis=0).any() or evidence.blurred.any()
+        untold = at_zero.all(axis=0).any() or signal.before.blurred.any()
         return Phase("undecided", sd=float(np.hypot(PHASE.mean_sd, PHASE.spread))) if untold else BETWEEN
-    prior = np.where(evidence.at_zero[evidence.bracketed].all(axis=0), PHASE.on_sample, 0.0)
+    prior = np.where(at_zero[tells].all(axis=0), PHASE.on_sample, 0.0)
     if not prior.any():
         prior[:] = PHASE.on_sample / 2
-    *accounts, anywhere = _log_evidence(evidence, velocity_sd)
+    contact = signal.contact
+    t, s, moved = (
+        part[tells] / signal.dt[tells] for part in (contact.free, contact.free_sd, contact.by_velocity)
+    )
+    evidence = ContactEvidence(t, s, moved * velocity_sd[tells])
+    *accounts, anywhere = _log_evidence(evidence)
     if declared:
         needed = -PHASE.clear if prior[1] > prior[0] else PHASE.clear
         kind: Kind = "before" if accounts[1] > accounts[0] + needed else "first"
-        return Phase(kind, contradicted=_spread(evidence, velocity_sd, accounts, anywhere))
+        return Phase(kind, contradicted=_spread(evidence, accounts, anywhere))
     if max(accounts) < anywhere:
         return BETWEEN
     with np.errstate(divide="ignore"):
@@ -140,21 +150,21 @@ def phase_of(evidence: ContactEvidence, velocity_sd: Column, declared: Contact |
     kinds: tuple[Kind, ...] = ("first", "before", "between")
     if np.max(shares) > PHASE.sure:
         return Phase(kinds[np.argmax(shares)], judged=True)
-    return Phase("undecided", False, *_of_another(evidence, velocity_sd))
+    return Phase("undecided", False, *_of_another(evidence))
 
 
-def _spread(evidence: ContactEvidence, velocity_sd: Column, accounts: list[float], anywhere: float) -> bool:
+def _spread(evidence: ContactEvidence, accounts: list[float], anywhere: float) -> bool:
     """Whether contact is clearly between samples, and not by errors of velocity, common or own."""
-    (t,), s = _in_intervals(evidence, velocity_sd, 1)
+    (t,), s = evidence.by_common_error(1)
     apart = t.size > 1 and np.var(t, ddof=1) - np.mean(s**2) > PHASE.apart**2
     return bool(apart and accounts[2] > max(anywhere, PHASE.contradicts + max(accounts[:2])))
 
 
-def _of_another(evidence: ContactEvidence, velocity_sd: Column) -> tuple[float, float]:
+def _of_another(evidence: ContactEvidence) -> tuple[float, float]:
     """Mean and standard deviation of f in a further impact, by the least squares of all."""
     means, spreads = PHASE.mean_sd * norm.ppf(_even(41)), PHASE.spread * norm.ppf(0.5 + _even(24) / 2)
     mean, spread = (axis.ravel() for axis in np.meshgrid(means, spreads))
-    shifted, s = _in_intervals(evidence, velocity_sd, 17)
+    shifted, s = evidence.by_common_error(17)
     off = (shifted[:, None] - 0.5 - mean[:, None]) / (wide := np.hypot(spread[:, None], s))
     each = -(np.square(off) / 2 + np.log(wide))
     share = softmax(logsumexp(np.sum(each, axis=2), axis=0))
@@ -167,34 +177,18 @@ def _even(number: int) -> np.ndarray:
     return (np.arange(number) + 0.5) / number
 
 
-def _log_evidence(
-    evidence: ContactEvidence, velocity_sd: Column, width: float = 5.0, nodes: int = 65
-) -> list[float]:
+def _log_evidence(evidence: ContactEvidence, width: float = 5.0, nodes: int = 65) -> list[float]:
     """Log evidence of contact at the first sample, at the one before, between, and of anywhere about them.
 
     Args:
         evidence: by each trace.
-        velocity_sd: of the velocity and gain together, as a fraction of it.
         width: sampling intervals in which the least squares look for contact.
         nodes: of the integral over the velocity's error.
     """
-    shifted, s = _in_intervals(evidence, velocity_sd, nodes)
+    shifted, s = evidence.by_common_error(nodes)
     at = [norm.logpdf(shifted, centre, s) for centre in (0.0, 1.0)]
     within = [_log_within(shifted - 0.5, interval, s) for interval in (1.0, width)]
     return [float(logsumexp(np.sum(part, axis=1)) - np.log(nodes)) for part in (*at, *within)]
-
-
-def _in_intervals(
-    evidence: ContactEvidence, velocity_sd: Column, nodes: int
-) -> tuple[Float[np.ndarray, "node impact"], Column]:
-    """t_i in sampling intervals, by quantiles of a velocity's error of all, and s_i, of impacts that tell."""
-    t, s, moved = (
-        part[evidence.bracketed] / evidence.dt[evidence.bracketed]
-        for part in (evidence.before_s, evidence.sd, evidence.by_velocity)
-    )
-    by_velocity = moved * velocity_sd[evidence.bracketed]
-    common = norm.ppf(_even(nodes))[:, None] * by_velocity
-    return t + common, np.sqrt(s**2 + by_velocity**2 + PHASE.least_sd**2)
 
 
 def _log_within(t: np.ndarray, width: float, sd: Column) -> np.ndarray:
