@@ -19,6 +19,7 @@ from bayestissue.recordings.signal.padded_traces import (
     first_where,
     last_where,
     noise_sd,
+    samples_before,
     segment_moments,
     standard_error,
 )
@@ -82,7 +83,7 @@ def find_onset(
     """
     sd = noise_sd(recordings)
     ahead = np.ceil(ahead_s(recorder, recordings.dt).max() / recordings.dt).astype(int)
-    peak = np.maximum(np.where(recordings.inside, recordings.value, 0.0).max(axis=1), 0.0)
+    peak = np.maximum(recordings.filled(0.0).max(axis=1), 0.0)
     share = np.minimum(sd, peak) / np.where(peak > 0, peak, 1.0)
     width = np.minimum((CONTACT.blur * share) ** 2, recordings.n_samples / 8)
     half = np.maximum(np.ceil((width - 1) / 2), 0).astype(int)
@@ -107,7 +108,7 @@ def find_onset(
 
 def _means(recordings: PaddedTraces, half: Index) -> np.ndarray:
     """The mean of each sample and ``half`` of them on either side, of fewer at a recording's ends."""
-    sums = np.pad(np.cumsum(np.where(recordings.inside, recordings.value, 0.0), axis=1), ((0, 0), (1, 0)))
+    sums = np.pad(np.cumsum(recordings.filled(0.0), axis=1), ((0, 0), (1, 0)))
     index = np.arange(recordings.value.shape[1])
     low = np.maximum(index - half[:, None], 0)
     high = np.minimum(index + half[:, None] + 1, recordings.n_samples[:, None])
@@ -125,10 +126,10 @@ def _onset(recordings: PaddedTraces, options: SignalOptions, noise: Column, ahea
     again are allowed for before. What a filter run backwards answers, ``ahead`` samples before contact, is
     not quiet. threshold and time-zero: see `SignalOptions`.
     """
-    deceleration = np.where(recordings.inside, recordings.value, -np.inf)
+    deceleration = recordings.filled(-np.inf)
     peak_index = np.argmax(deceleration, axis=1)
     peak = at(recordings.value, peak_index)
-    until_peak = np.arange(deceleration.shape[1]) <= peak_index[:, None]
+    until_peak = samples_before(deceleration, peak_index + 1)
 
     def last_below(level: Column) -> Index:
         return last_where((deceleration <= level[:, None]) & until_peak)
@@ -145,7 +146,7 @@ def _onset(recordings: PaddedTraces, options: SignalOptions, noise: Column, ahea
     least, most = np.zeros(len(peak)), recordings.span(last_quiet, first)
     shown, earliest = first, most
     passed = (deceleration >= (baseline + 2 * CONTACT.certain * sd)[:, None]) & until_peak
-    passed &= np.arange(deceleration.shape[1]) >= first[:, None]
+    passed &= ~samples_before(deceleration, first)
     rise = recordings.span(first, first_where(passed, first))
     reach = np.maximum(CONTACT.reach * most, CONTACT.rises * rise) + 2 * recordings.dt
     if options.contact == "threshold":
@@ -172,10 +173,10 @@ def displacement_contact(recordings: PaddedTraces, options: SignalOptions) -> tu
     """
     if options.contact == "time-zero":
         return from_time_zero(recordings)
-    x = np.where(recordings.inside, recordings.value, -np.inf)
+    x = recordings.filled(-np.inf)
     top = np.argmax(x, axis=1)
     level = CONTACT.threshold * x.max(axis=1) if options.contact == "threshold" else np.zeros(len(x))
-    until_peak = np.arange(x.shape[1]) <= top[:, None]
+    until_peak = samples_before(x, top + 1)
     # A rest of exact zeros, as a coarse recorder writes it, is before contact; its last zero may be contact.
     still = np.pad((x[:, :-1] == level[:, None]) & (x[:, 1:] == level[:, None]), ((0, 0), (0, 1)))
     first = last_where(((x < level[:, None]) | still) & until_peak) + 1
@@ -214,7 +215,7 @@ def _quiet_part(recordings: PaddedTraces, end: Index, sd: Column, peak: Column) 
 
 
 def _last_quiet(recordings: PaddedTraces, first: Index, baseline: Column, sd: Column) -> Index:
-    before = np.arange(recordings.value.shape[1]) < first[:, None]
+    before = samples_before(recordings.value, first)
     last = last_where((recordings.value <= (baseline + CONTACT.quiet * sd)[:, None]) & before)
     gap = first - last
     # Where d jumps there is no foot: the sample before the jump is a quiet one that noise has lifted.

@@ -32,6 +32,7 @@ from bayestissue.recordings.signal.padded_traces import (
     from_sample,
     last_where,
     noise_sd,
+    samples_before,
     stack,
 )
 from bayestissue.recordings.signal.phase import BETWEEN, Phase, phase_of
@@ -169,10 +170,9 @@ class Displacements(ImpactTraces):
         """
         d, inside = self.value, self.inside
         if window == "rebound":
-            floor = np.maximum(0.02 * np.where(inside, d, 0).max(axis=1), 3 * self.quiet.noise_sd)
+            floor = np.maximum(0.02 * self.filled(0).max(axis=1), 3 * self.quiet.noise_sd)
             over = (d <= floor[:, None]) | (self.x <= 0)
-            late = np.arange(d.shape[1]) >= self.stop.sample[:, None]
-            return first_where(over & inside & late, self.n_samples)
+            return first_where(over & inside & ~samples_before(d, self.stop.sample), self.n_samples)
         fraction, since_contact = 1.0 if window == "peak" else float(window), self.contact.since_s
         until = fraction * (since_contact + self.stop.time) - since_contact
         return np.sum(inside & (self.time_s <= (until + 1e-9 * self.dt)[:, None]), axis=1)
@@ -181,10 +181,10 @@ class Displacements(ImpactTraces):
         self, options: SignalOptions, flags: dict[Coded, Mask], notes: dict[Coded, Mask]
     ) -> Displacements:
         """The same over the window that the options choose, with flags and notes, those of the window too."""
-        n, sample = self.samples_in(options.window), np.arange(self.clipped.shape[1])
+        n = self.samples_in(options.window)
 
         def below_limit(n: Index) -> Index:
-            return ((sample < n[:, None]) & ~self.at_limit).sum(axis=1)
+            return (samples_before(self.clipped, n) & ~self.at_limit).sum(axis=1)
 
         longer = self.at_limit.any(axis=1) & (below_limit(n) < WINDOW.few_below)
         slowly = ~longer & (below_limit(n) < FEWEST_SAMPLES) & (options.window == "peak") & self.stop.reached
@@ -260,7 +260,7 @@ def since_release(recordings: PaddedTraces) -> PaddedTraces:
     level ahead of the peak do. Noise that hides such a step hides what was held.
     """
     g, value, index = STANDARD_GRAVITY, recordings.value, np.arange(recordings.value.shape[1])
-    peak = np.argmax(np.where(recordings.inside, value, -np.inf), axis=1)
+    peak = np.argmax(recordings.filled(-np.inf), axis=1)
     size = min(CONTACT.quiet_samples, len(index))
     means = np.lib.stride_tricks.sliding_window_view(value, size, axis=1).mean(axis=-1)
     ahead = index[: means.shape[1]] < (peak - size)[:, None]
@@ -284,7 +284,7 @@ def still_pushed(decelerations: ImpactTraces, noise_sd: Column) -> Mask:
     """The samples up to the last one with a force clear of the noise; all of them where there is none."""
     clear = (decelerations.value > CONTACT.certain * noise_sd[:, None]) & decelerations.inside
     last = np.where(clear.any(axis=1), last_where(clear), clear.shape[1])
-    return np.arange(clear.shape[1]) <= last[:, None]
+    return samples_before(clear, last + 1)
 
 
 def zero_velocity(slowing: ImpactTraces, v: Rows, x: Rows, pushed: Mask) -> Stop:
@@ -381,7 +381,7 @@ def _integrated(
     bracketed &= (part.clipped == 0).all(axis=1)
     # Nor does one that begins with its greatest force, of heavily damped tissue: what falls from there on
     # falls the same way whenever it began, and least squares have too small an error.
-    bracketed &= d[:, 0] < CONTACT.most_jump * np.where(inside, d, 0.0).max(axis=1)
+    bracketed &= d[:, 0] < CONTACT.most_jump * part.filled(0.0).max(axis=1)
     return signal, bracketed
 
 
@@ -401,7 +401,7 @@ def _recorded(recordings: ImpactTraces, options: SignalOptions) -> Displacements
     velocity = np.where(np.isfinite(part.velocity), part.velocity, v[:, 0])
     x = part.value - at_contact[:, None]
     stop = slowest(replace(part, value=x, velocity=velocity), clear)
-    greatest = np.where(recordings.inside, recordings.value, -np.inf).max(axis=1)
+    greatest = recordings.filled(-np.inf).max(axis=1)
     below = (greatest <= 0) & (options.contact != "time-zero")
     flags = {BELOW_ZERO: below, Coded.stated("no-zero-velocity.least"): ~stop.reached & ~below}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))

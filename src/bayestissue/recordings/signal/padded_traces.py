@@ -77,7 +77,11 @@ class PaddedTraces:
     @property
     def inside(self) -> Mask:
         """True where there is a sample."""
-        return np.arange(self.value.shape[1]) < self.n_samples[:, None]
+        return samples_before(self.value, self.n_samples)
+
+    def filled(self, beyond: float) -> Rows:
+        """The values, and this one past each row's end."""
+        return np.where(self.inside, self.value, beyond)
 
     @property
     def held(self) -> Rows:
@@ -109,6 +113,11 @@ def stack(recordings: Sequence[Trace]) -> PaddedTraces:
             time = traces[row].time_s
             sample_number[row, : n[row]] = (time - time[0]) / dt[row]
     return PaddedTraces(value, n, traces.time_s[traces.begin], dt, clipped, sample_number=sample_number)
+
+
+def samples_before(rows: Rows | Mask, end: Index) -> Mask:
+    """[impact, sample], which samples of rows so wide come before ``end``."""
+    return np.arange(rows.shape[1]) < end[:, None]
 
 
 def last_where(condition: Mask) -> Index:
@@ -148,8 +157,7 @@ def from_sample[T: PaddedTraces](recordings: T, first: Index) -> T:
 
 def segment_moments(values: Rows, end: Index) -> tuple[Column, Column]:
     """Mean and standard deviation of the samples before ``end`` of each row; 0 and 0 where there is none."""
-    chosen = np.arange(values.shape[1]) < end[:, None]
-    count = np.maximum(end, 1)
+    chosen, count = samples_before(values, end), np.maximum(end, 1)
     mean = np.where(chosen, values, 0).sum(axis=1) / count
     squares = np.where(chosen, values - mean[:, None], 0) ** 2
     return mean, np.sqrt(squares.sum(axis=1) / np.maximum(end - 1, 1))

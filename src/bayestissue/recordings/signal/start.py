@@ -27,6 +27,7 @@ from bayestissue.recordings.signal.padded_traces import (
     Rows,
     at,
     first_where,
+    samples_before,
 )
 from bayestissue.recordings.signal.signal_settings import BEYOND_LIMIT
 
@@ -143,7 +144,7 @@ class LeastSquares:
         """The products over the samples until ``last`` of each impact; the others as of `find_start`."""
         d, dt, number = recorded.value, recorded.dt, recorded.sample_numbers
         velocity, gravity = recorded.velocity, recorded.gravity
-        used = recorded.inside & (np.arange(d.shape[1]) <= last[:, None])
+        used = recorded.inside & samples_before(d, last + 1)
         duration = np.where(last > 0, at(number, last), 1.0) * dt
         units = velocity[:, None], (velocity * duration)[:, None]
         time = number * (dt / duration)[:, None]

@@ -11,7 +11,7 @@ from bayestissue.base.errors import Coded, by_impact
 from bayestissue.base.remedies import flags
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.signal.displacement import displacements, motion_of
-from bayestissue.recordings.signal.padded_traces import Column, Index, Mask
+from bayestissue.recordings.signal.padded_traces import Column, Index, Mask, samples_before
 from bayestissue.recordings.signal.quality import beginning, force_laws, samples, velocity
 from bayestissue.recordings.signal.quality.samples import PulseAndRests
 from bayestissue.recordings.signal.signal_settings import PULSE, SignalOptions
@@ -103,7 +103,7 @@ def _inspected(
     findings = [*_single_samples(recorded, limited)]
     if part.quantity == "displacement":
         # A displacement that passes 0 on its way shows its contact.
-        early = np.arange(recorded.value.shape[1]) <= recorded.top[:, None]
+        early = samples_before(recorded.value, recorded.top + 1)
         deep = (start > PULSE.above) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
         yield from (*findings, _found("starts-deep.first", deep, start))
         return

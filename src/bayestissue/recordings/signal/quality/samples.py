@@ -22,6 +22,7 @@ from bayestissue.recordings.signal.padded_traces import (
     first_where,
     last_where,
     noise_sd,
+    samples_before,
 )
 from bayestissue.recordings.signal.signal_settings import PULSE, SAMPLES
 
@@ -190,7 +191,7 @@ def standing(recorded: PulseAndRests) -> Index:
     """
     value, sd = recorded.value, recorded.sd
     step = np.where(np.isfinite(recorded.step), recorded.step, 0)
-    greatest = np.where(recorded.inside, value, -np.inf).max(axis=1, keepdims=True)
+    greatest = recorded.filled(-np.inf).max(axis=1, keepdims=True)
     below = recorded.inside[:, 1:] & (value[:, 1:] < greatest)
     equal = (np.diff(value, axis=1) == 0) & below
     padded = np.pad(value, ((0, 0), (8, 8)), mode="edge")
@@ -238,9 +239,8 @@ def wave(values: Rows, count: Index) -> tuple[Column, Column]:
 
 def _centred(values: Rows, count: Index) -> Rows:
     """Each row less its mean, 0 past its end."""
-    inside = np.arange(values.shape[1]) < count[:, None]
     mean = values.sum(axis=1, keepdims=True) / np.maximum(count, 1)[:, None]
-    return np.where(inside, values - mean, 0.0)
+    return np.where(samples_before(values, count), values - mean, 0.0)
 
 
 def slope(values: Rows, count: Index, sd: Column) -> tuple[Column, Column]:
@@ -344,8 +344,8 @@ def slow_noise(recorded: PulseAndRests, to_peak: Column) -> Column:
     for quiet in (recorded.before, recorded.after):
         values, count = segment(recorded, quiet)
         m, deviation = np.maximum(count, 2), _centred(values, count)
-        inside = np.arange(1, values.shape[1]) < count[:, None]
-        steps = np.where(inside, np.diff(deviation, axis=1), 0.0)
+        steps = np.diff(deviation, axis=1)
+        steps = np.where(samples_before(steps, count - 1), steps, 0.0)
         square, change = (deviation**2).sum(axis=1) / (m - 1), (steps**2).sum(axis=1) / (m - 1)
         # Rounding adds a twelfth of a squared step to every sample, and a sixth to every difference.
         change = np.maximum(change - np.where(np.isfinite(recorded.step), recorded.step, 0) ** 2 / 6, 0)
