@@ -65,14 +65,7 @@ class Pulse(NamedTuple):
     def at(self, time: Float[Array, "impact time"]) -> Float[Array, "impact time"]:
         """``left`` at any times of the contact."""
         step = self.end[:, None] / SEARCH.steps
-        into = time / step
-        index = jnp.clip(into.astype(int), 0, SEARCH.steps - 1)
-        before, after = (
-            [jnp.take_along_axis(part, index + k, axis=1) for part in (self.left, -self.deceleration)]
-            for k in (0, 1)
-        )
-        values, slopes = zip(before, after, strict=True)
-        return solver.cubic(values, slopes, into - index, step)
+        return solver.between_steps(self.left, -self.deceleration, time / step, step)
 
 
 def pulse_of(collision: Collision, end: Float[Array, " impact"], nodes: solver.Nodes | None) -> Pulse:

@@ -144,6 +144,20 @@ def at_times(nodes: Nodes, time: Float[Array, "impact time"]) -> Float[Array, "s
     return cubic(values, slopes, (time - begin) / (end - begin), end - begin)
 
 
+def between_steps(
+    values: Float[Array, "*batch step"],
+    slopes: Float[Array, "*batch step"],
+    at: Float[Array, "*batch place"],
+    step: Array,
+) -> Float[Array, "*batch place"]:
+    """The cubic through values and slopes at even steps, ``at`` so many of these after the first."""
+    index = jnp.clip(at.astype(int), 0, values.shape[-1] - 2)
+    (value, slope), (next_value, next_slope) = (
+        [jnp.take_along_axis(part, index + k, axis=-1) for part in (values, slopes)] for k in (0, 1)
+    )
+    return cubic((value, next_value), (slope, next_slope), at - index, step)
+
+
 def cubic(values: tuple[Array, Array], slopes: tuple[Array, Array], into: Array, step: Array) -> Array:
     """The cubic with these values and slopes at both ends of a step, at the fraction ``into`` of it."""
     run = values[1] - values[0]

@@ -203,17 +203,8 @@ class _Sensor(NamedTuple):
         dt = jnp.maximum(last, record.dt) / (count - 1)
         begin = self.collision.at_contact()[..., None]
         y = jnp.concatenate([begin, self._states(dt, dt, count - 1)], axis=-1)
-        slope = self.collision.columns().rates(y)
         steps = jnp.clip(time / dt[:, None], 0.0, count - 1.0)
-        index = jnp.minimum(steps.astype(int), count - 2)
-        here, there = ((part[..., :-1], part[..., 1:]) for part in (y, slope))
-
-        def taken(values: Array) -> Array:
-            return jnp.take_along_axis(values, index[None], axis=2)
-
-        y = solver.cubic(
-            (taken(here[0]), taken(here[1])), (taken(there[0]), taken(there[1])), steps - index, dt[:, None]
-        )
+        y = solver.between_steps(y, self.collision.columns().rates(y), steps[None], dt[:, None])
         x, v, d, jerk = self._of_states(y)
         flies = time < 0
         return x, v, jnp.where(flies, 0.0, d), jnp.where(flies, 0.0, jerk)

@@ -206,11 +206,7 @@ def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements)
     times = (force.start - signal.contact_time_s)[:, None] + force.time_s
     above = np.where(force.inside, force.value - _first_mean(force, signal.contact_time_s), 0.0)
     steps = np.diff(times, axis=1) * force.inside[:, 1:]
-    samples, row = force.ragged(times, trapezoids(above, steps)), np.arange(len(times))[:, None]
-
-    def impulse(at: Rows) -> Rows:
-        return samples.interpolated(at, row)
-
+    impulse = force.interpolated(times, trapezoids(above, steps))
     V = np.where(np.isfinite(signal.velocity), signal.velocity, signal.v[:, 0])[:, None]
     to_peak, at_contact = signal.time_to_peak[:, None], impulse(np.zeros_like(V))
     lost = mass * (V + signal.gravity[:, None] * to_peak)
@@ -387,7 +383,7 @@ class _Expected:
         self.mass = (signal.mass - tip_mass_kg)[:, None]
         self.reach = _REACH * signal.time_to_peak[:, None]
         times = (slowing.start - signal.contact_time_s)[:, None] + slowing.time_s
-        self._samples = slowing.ragged(times, slowing.value)
+        self._deceleration = slowing.interpolated(times, slowing.value)
         first, last = times[:, :1], np.take_along_axis(times, slowing.n_samples[:, None] - 1, axis=1)
         self._begin = np.maximum(-signal.time_to_peak[:, None], first + 2 * self.reach)
         self._end = np.minimum(_AFTER * signal.time_to_peak[:, None], last - 2 * self.reach)
@@ -398,7 +394,7 @@ class _Expected:
 
     def at(self, times: Rows) -> Rows:
         """The force at these times, linear between samples."""
-        return self.mass * self._samples.interpolated(times, np.arange(len(times))[:, None])
+        return self.mass * self._deceleration(times)
 
     def slope(self, times: Rows) -> Rows:
         """Its derivative [N/s], by a central difference."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -57,9 +57,10 @@ class PaddedTraces:
         """From one sample of each row to another, s."""
         return (self.sample_number_of(end) - self.sample_number_of(begin)) * self.dt
 
-    def ragged(self, time: Rows, value: Rows) -> Traces:
-        """Times and values of its samples end to end."""
-        return Traces(time[self.inside], value[self.inside], np.cumsum([0, *self.n_samples]))
+    def interpolated(self, time: Rows, value: Rows) -> Callable[[Rows], Rows]:
+        """What has these values at these times of the samples, between them in proportion, by time."""
+        samples = Traces(time[self.inside], value[self.inside], np.cumsum([0, *self.n_samples]))
+        return lambda at: samples.interpolated(at, np.arange(len(at))[:, None])
 
     @property
     def uneven(self) -> Mask:
