@@ -28,6 +28,7 @@ from types import MappingProxyType
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpyro
 import pandas as pd
@@ -104,7 +105,8 @@ def drawing(base: Prepared) -> Callable[..., Any]:
 
     def drawn(data: TraceData) -> None:
         u = impacts_model(base.model, data)
-        numpyro.deterministic("trace", trace_likelihood(base.model, data, u).sample(numpyro.prng_key()))
+        trace, *_ = trace_likelihood(base.model, data, u).replicate(numpyro.prng_key()).values()
+        numpyro.deterministic("trace", jnp.nan_to_num(trace))
 
     return jax.jit(Predictive(drawn, num_samples=1))
 

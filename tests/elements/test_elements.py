@@ -105,7 +105,7 @@ def test_hertz_force_follows_the_balls_diameter() -> None:
 
 def test_wall_grows_on_behind_itself_without_a_seam() -> None:
     which, edge = element("wall"), 0.95 * 0.03
-    p = Collision.of(which, VALUES["wall"], 1.0, 1.0).parameters
+    p = Collision.of(which, VALUES["wall"], 1.0, 1.0, shape=()).parameters
 
     def spring(x: jax.Array) -> jax.Array:
         return which.force(x, 0.0 * x, (), p)

@@ -61,7 +61,7 @@ def test_drawn_contact_is_distributed_as_its_density() -> None:
 def test_replicates_have_contact_where_the_trace_has_it() -> None:
     given = contact_open("maxwell", CELLS, sigma=1e-2).measured
     record, values = given.record, dict(zip("KC", given.parameters, strict=True))
-    made = np.asarray(jax.jit(lambda: given.sample(jax.random.PRNGKey(3)))())
+    made = np.asarray(jax.jit(given.replicate)(jax.random.PRNGKey(3))["deceleration"])
     time = (np.arange(record.d.shape[1]) + np.full((2, 1), 2.6)) * DT
     expected = np.asarray(impact("maxwell", values, record.mass, record.velocity, time).deceleration)
     # Errors of velocity, gain and offset are as large as these.
