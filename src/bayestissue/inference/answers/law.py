@@ -126,8 +126,7 @@ class Law:
         def of_part(*columns: np.ndarray) -> dict[str, Array]:
             # The last part is filled up with what stands in it already.
             *values, M, V = (jnp.asarray(np.resize(column, size)) for column in columns)
-            collision = Collision(element(self.element), dict(zip(p, values, strict=True)), M, V)
-            results = simulate(collision)
+            results = simulate(Collision(element(self.element), dict(zip(p, values, strict=True)), M, V))
             return {name: result[: len(columns[0])] for name, result in results.items()}
 
         rows = tuple(np.broadcast_to(values, shape) for values in every)

@@ -280,13 +280,6 @@ def since_release(recordings: PaddedTraces) -> PaddedTraces:
     return from_sample(recordings, first)
 
 
-def still_pushed(decelerations: ImpactTraces, noise_sd: Column) -> Mask:
-    """The samples up to the last one with a force clear of the noise; all of them where there is none."""
-    clear = (decelerations.value > CONTACT.certain * noise_sd[:, None]) & decelerations.inside
-    last = np.where(clear.any(axis=1), last_where(clear), clear.shape[1])
-    return samples_before(clear, last + 1)
-
-
 def zero_velocity(slowing: ImpactTraces, v: Rows, x: Rows, pushed: Mask) -> Stop:
     """Zero velocity by the cubic that has the velocities and decelerations of the samples on either side.
 
@@ -366,8 +359,10 @@ def _integrated(
     start = find_start(part, (first, second), bracket, np.where(bracketed, dt, 0.0), phase.place)
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * part.time_s - second
-    # The last sample clear of great noise is one that the noise has lifted.
-    pushed = inside & (still_pushed(part, quiet.noise_sd) | onset.blurred[:, None])
+    # The tissue pushes up to the last sample clear of the noise; one clear of great noise that has lifted.
+    clear = (d > CONTACT.certain * quiet.noise_sd[:, None]) & inside
+    last = np.where(clear.any(axis=1), last_where(clear), clear.shape[1])
+    pushed = inside & (samples_before(clear, last + 1) | onset.blurred[:, None])
     stop = zero_velocity(slowing, v, x, pushed)
     flags = {
         Coded.stated("no-zero-velocity.end"): ~stop.reached,
