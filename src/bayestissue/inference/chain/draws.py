@@ -90,7 +90,7 @@ def chain_draws(
         warm = _continued(job, beginning, chosen)
     else:
         near = None if settings or all_kept(count) else _warm_of_some(job, beginning)
-        chosen = settings or _settings(prepared, near and near.tuning)
+        chosen = settings or _settings(prepared, near.tuning if near else None)
         warm = _warm(job, beginning, chosen, near)
     looked_at = partial(_looked_at, names=prepared.model.hyperparameters)
     trim = partial(_trimmed, prepared=prepared)
