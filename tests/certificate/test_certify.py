@@ -97,8 +97,8 @@ def test_posteriors_that_are_too_narrow_are_found(run: Path, monkeypatch: pytest
 
 def test_drawn_impacts_scatter_as_the_model_says(run: Path) -> None:
     study = certifying.CertifiedFit.of_run(run)
-    sampler = study.fit.specification.sampler
-    chains = next(certifying.chain_draws(certifying.ChainJob(study.prepared, sampler, 1), study.end))
+    job = certifying.ChainJob(study.prepared, study.fit.specification.sampler, 1)
+    chains = next(certifying.chain_draws(job, study.fit.chain_end()))
     truth: Truth = truths(chains, 1)[0]
     rng = np.random.default_rng(0)
     u = np.array([new_impacts(study.prepared, truth.population, rng) for _ in range(2000)])

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
+from scipy.integrate import cumulative_trapezoid
 
 from bayestissue.inference.chain.chain_settings import TOGETHER
 from bayestissue.inference.chain.results import ChainDraws
@@ -122,19 +123,11 @@ def _with_motion(
         x = drawn["displacement"]
         v = np.gradient(x, axis=1) / dt
     else:
-        v = recorded.velocity[:, None] - _integral(deceleration - recorded.gravity[:, None], dt)
-        x = _integral(v, dt)
-    motion: dict[str, Any] = {"x": x, "v": v, "value": deceleration}
+        lost = dt * cumulative_trapezoid(deceleration - recorded.gravity[:, None], initial=0)
+        v = recorded.velocity[:, None] - lost
+        x = dt * cumulative_trapezoid(v, initial=0)
     both: dict[str, Any] = {
         name: np.concatenate([getattr(recorded, name), np.where(recorded.inside, values, 0.0)])
-        for name, values in motion.items()
+        for name, values in {"x": x, "v": v, "value": deceleration}.items()
     }
     return replace(twice, **both)
-
-
-def _integral(
-    values: Float[np.ndarray, "impact sample"], dt: Float[np.ndarray, "impact 1"]
-) -> Float[np.ndarray, "impact sample"]:
-    """From the first sample on, by trapezoids."""
-    steps = (values[:, 1:] + values[:, :-1]) / 2 * dt
-    return np.pad(np.cumsum(steps, axis=1), ((0, 0), (1, 0)))

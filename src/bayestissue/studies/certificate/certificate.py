@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,7 @@ from bayestissue.base.result import Result, Say, silent
 from bayestissue.base.results.files import whole_file
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.chain.draws import ChainJob, chain_draws
-from bayestissue.inference.chain.results import ChainEnd
 from bayestissue.inference.fit import sample
-from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.model.hierarchy.trace_data import Prepared, with_discrepancy
 from bayestissue.recordings.dataset import Dataset, read_dataset
@@ -33,7 +32,7 @@ from bayestissue.studies.certificate import FEWEST_REFITS, MOST_REFITS, REFITS
 from bayestissue.studies.certificate.augmented import Truth, augmented, reason_against, truths
 from bayestissue.studies.certificate.ranks import calibration_table, ranks_of
 from bayestissue.studies.finished import Fit, read_run
-from bayestissue.studies.fitting import FitJob, without_short
+from bayestissue.studies.fitting import FitRequest, fit_job
 
 # Of a refit: enough for ranks among 99 draws.
 _SAMPLER = Sampler(chains=2, draws=1000, effective=150)
@@ -136,11 +135,10 @@ def certify(
 
 @dataclass(frozen=True, eq=False)
 class CertifiedFit:
-    """A finished fit with its model, its data, and where its chains ended."""
+    """A finished fit with its model and its data."""
 
     fit: Fit
     prepared: Prepared
-    end: ChainEnd
 
     @classmethod
     def of_run(cls, run: Fit | str | Path, dataset: Dataset | str | Path | None = None) -> CertifiedFit:
@@ -151,20 +149,17 @@ class CertifiedFit:
         """
         fit = run if isinstance(run, Fit) else read_run(run)
         if fit.prepared is not None:
-            return cls(fit, fit.prepared, fit.chain_end())
-        recordings = _recordings(fit, dataset)
-        source = str(fit.folder)
-        recordings, prepared = prepare_without_phantoms(recordings, fit.specification, source=source)
-        earlier = FitJob(recordings, fit.specification, prepared, fit.seed).earlier_run(fit)
+            return cls(fit, fit.prepared)
+        recordings, request = _recordings(fit, dataset), FitRequest(fit.specification, continue_from=fit)
+        job = fit_job(recordings, request, fit.seed, skip_short=bool(fit.about.get("left_out")))
         if "score_without" in fit.about.get("discrepancy", {}):
-            prepared = with_discrepancy(recordings, fit.specification, prepared)
-        assert earlier.end is not None  # noqa: S101 - `chain_end` raises
-        return cls(fit, prepared, earlier.end)
+            return cls(fit, with_discrepancy(job.dataset, job.specification, job.prepared))
+        return cls(fit, job.prepared)
 
     def job(self, refits: int, seed: int) -> str:
         """A fingerprint of all that the refits depend on."""
         content = [self.fit.about["input_hash"], self.fit.about["model"], self.fit.seed]
-        content += [np.asarray(self.end.state.y).tolist(), refits, seed, runtime.versions()]
+        content += [np.asarray(self.fit.chain_end().state.y).tolist(), refits, seed, runtime.versions()]
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
@@ -175,9 +170,7 @@ def _recordings(fit: Fit, dataset: Dataset | str | Path | None) -> Dataset:
     folder = fit.dataset_folder if dataset is None else Path(dataset)
     if folder is None or not folder.is_dir():
         raise InputError.stated("another-run.gone", str(fit.folder), value=str(folder or "not stated"))
-    left_out = bool(fit.about.get("left_out"))
-    read = read_dataset(folder, skip_bad=left_out)
-    return without_short(read, fit.specification, str(fit.folder)) if left_out else read
+    return read_dataset(folder, skip_bad=bool(fit.about.get("left_out")))
 
 
 def certificate_of(
@@ -213,27 +206,31 @@ def _refitted(
     study: CertifiedFit, refits: int, seed: int, say: Say, parts: Path | None
 ) -> list[dict[str, Any]]:
     """Of each refit the ranks, and whether its chains passed; those of an earlier run of the job are read."""
-    paths = [None if parts is None else parts / f"refit-{number:04d}.json" for number in range(refits)]
-    if all(path is not None and path.is_file() for path in paths):
-        return [json.loads(path.read_text(encoding="utf-8")) for path in paths if path is not None]
-    say("drawing from the posterior", 0, 1)
-    sampler = study.fit.specification.sampler.model_copy(update={"effective": max(50, 2 * refits)})
-    folder = parts and parts / "posterior"
-    if folder:
-        folder.mkdir(exist_ok=True)
-    chains = next(chain_draws(ChainJob(study.prepared, sampler, seed, checkpoints=folder), study.end))
-    done = []
-    for number, (truth, path) in enumerate(zip(truths(chains, refits), paths, strict=True)):
+
+    @cache
+    def drawn() -> list[Truth]:
+        say("drawing from the posterior", 0, 1)
+        sampler = study.fit.specification.sampler.model_copy(update={"effective": max(50, 2 * refits)})
+        folder = parts and parts / "posterior"
+        if folder:
+            folder.mkdir(exist_ok=True)
+        job = ChainJob(study.prepared, sampler, seed, checkpoints=folder)
+        chains = next(chain_draws(job, study.fit.chain_end()))
+        return truths(chains, refits)
+
+    def refit(number: int) -> dict[str, Any]:
+        path = parts and parts / f"refit-{number:04d}.json"
+        if path and path.is_file():
+            return json.loads(path.read_text(encoding="utf-8"))
+        truth = drawn()[number]
         say("fitting the study drawn anew", number, refits)
-        if path is not None and path.is_file():
-            done.append(json.loads(path.read_text(encoding="utf-8")))
-            continue
         one = _one(study.prepared, truth, seed, number)
-        if path is not None:
+        if path:
             with whole_file(path) as staging:
                 staging.write_text(json.dumps(one), encoding="utf-8")
-        done.append(one)
-    return done
+        return one
+
+    return [refit(number) for number in range(refits)]
 
 
 def _one(prepared: Prepared, truth: Truth, seed: int, number: int) -> dict[str, Any]:

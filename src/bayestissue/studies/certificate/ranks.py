@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from scipy.special import bdtr, ndtr
 from scipy.stats import binom, norm, t
 
-from bayestissue.base.results.tables import table_of_rows
+from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.inference.factors.sites import log_likelihoods
@@ -89,42 +89,29 @@ def _levels(prepared: Prepared) -> dict[str, int]:
     }
 
 
-class Judged(NamedTuple):
-    """What the ranks of one quantity say; see ``calibration.csv``."""
-
-    quantity: str
-    elements: int
-    held: float
-    held_se: float
-    shift: float
-    shift_se: float
-    p: float
-
-
 def calibration_table(ranks: Sequence[Mapping[str, Sequence[int]]]) -> pd.DataFrame:
     """The table ``calibration.csv``: a row a quantity, of the ranks of every refit.
 
     ``passed`` is 0 where p is small even for the least of so many quantities (Holm 1979).
     """
-    judged = [judge(name, np.array([row[name] for row in ranks])) for name in ranks[0]]
-    p = np.array([judgement.p for judgement in judged])
-    order = np.argsort(p)
-    adjusted = np.empty_like(p)
-    adjusted[order] = np.minimum(1, np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)))
-    rows = [
-        (*judgement[:2], len(ranks), *judgement[2:], together, int(together >= RARE))
-        for judgement, together in zip(judged, adjusted, strict=True)
-    ]
-    return table_of_rows("calibration", rows)
+    from statsmodels.stats.multitest import multipletests
+
+    judged = pd.DataFrame([judge(name, np.array([row[name] for row in ranks])) for name in ranks[0]])
+    _, p_all, *_ = multipletests(judged["p"], method="holm")
+    table = judged.assign(refits=len(ranks), p_all=p_all, passed=(p_all >= RARE).astype(int))
+    return table[columns_of("calibration")]
 
 
-def judge(name: str, ranks: Int[np.ndarray, "refit element"]) -> Judged:
+def judge(name: str, ranks: Int[np.ndarray, "refit element"]) -> dict[str, Any]:
     """Whether ranks of `DRAWS` are uniform: of one element over the refits, of several their means too.
 
     Elements of one refit are told from the same truth, so that refits alone are independent: standard errors
     are those of the refits' means, or of independent elements if greater. p of one element is that of
     `p_of_uniform`. Of several it is twice the smaller of two: a t test of the shift, and
     `p_of_held`.
+
+    Returns:
+        Cells of ``calibration.csv``.
     """
     refits, elements = ranks.shape
     places = (ranks + 0.5) / (DRAWS + 1)
@@ -137,7 +124,8 @@ def judge(name: str, ranks: Int[np.ndarray, "refit element"]) -> Judged:
     else:
         p_shift = 2 * float(t.sf(abs(scores.mean()) / shift_se, refits - 1))
         p = min(1.0, 2 * min(p_shift, p_of_held(held.sum(axis=1), elements, scores.mean(axis=1).var(ddof=1))))
-    return Judged(name, elements, float(held.mean()), held_se, float(scores.mean()), shift_se, p)
+    means = {"held": float(held.mean()), "shift": float(scores.mean())}
+    return means | {"quantity": name, "elements": elements, "held_se": held_se, "shift_se": shift_se, "p": p}
 
 
 def p_of_held(held: Int[np.ndarray, " refit"], elements: int, variance: float) -> float:
