@@ -14,25 +14,15 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binom
 
+from bayestissue.base.declarations import declared
 from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.mechanics.elements import element
 from bayestissue.reports.figures.impacts import end
 from bayestissue.studies.selftest.check_results import Compared, differing
 
 _MODEL, _SUMMARY = "model.toml", "summary"
-_CONDITIONS = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.8, 1.3)]
-_TISSUE = {
-    "K_N_per_m": 3000.0,
-    "C_N_s_per_m": 25.0,
-    **{"sd_subject_K": 0.2, "sd_subject_C": 0.2, "sd_impact_K": 0.05, "sd_impact_C": 0.05},
-}
-_RECORDING = {
-    "sampling_rate_hz": 2000.0,
-    "noise_relative_to_peak": 0.005,
-    **{"relative_mass_sd": 0.002, "velocity_sd_m_s": 0.005},
-}
-# One in series yields before it has slowed the impactor; one of a Hertz contact acts with depth.
-_OF_ELEMENTS = {"maxwell": {"C_N_s_per_m": 150.0}, "hunt_crossley": {"C_N_s_per_m": 60.0}}
+# The campaign, and what is another in that of an element.
+_CAMPAIGN = declared(__package__, "campaign.toml")
 # Of autoregressive displacements: theta1, and the shocks' standard deviation over the greatest depth.
 _THETA1, _SHOCK = 0.3, 1e-5
 # Of a correct program one self-test in ten thousand says no.
@@ -50,15 +40,13 @@ def campaign(
     from bayestissue.studies.simulation import simulate, write_campaign
     from bayestissue.studies.simulation.simulation_file import Simulation
 
-    simulation = Simulation.model_validate(
-        {
-            "name": "self-test",
-            "seed": seed,
-            "design": {"subjects": subjects, "conditions": _CONDITIONS},
-            "tissue": _TISSUE | (tissue or {}),
-            "recording": _RECORDING,
-        }
-    )
+    stated = _CAMPAIGN["simulation"]
+    changed = {
+        "seed": seed,
+        "design": stated["design"] | {"subjects": subjects},
+        "tissue": stated["tissue"] | (tissue or {}),
+    }
+    simulation = Simulation.model_validate(stated | changed)
     campaign = simulate(simulation)
     write_campaign(folder, campaign, simulation)
     return campaign.impacts[["impact", "subject", "trial"]].merge(campaign.truth, on="impact")
@@ -118,7 +106,7 @@ def recovered(folder: Path, model: str) -> list[Compared]:
 def _tissue(name: str) -> dict[str, Any]:
     """Of an element with its typical further parameters."""
     further = {parameter.name: parameter.typical for parameter in element(name).extra}
-    return {"element": name, "parameters": further, **_OF_ELEMENTS.get(name, {})}
+    return {"element": name, "parameters": further, **_CAMPAIGN["elements"].get(name, {})}
 
 
 def _held(run: Path, truth: pd.DataFrame) -> list[Compared]:

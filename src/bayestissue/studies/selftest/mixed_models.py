@@ -8,7 +8,7 @@ stand in ``published_numbers.toml``, one row a level of the first factor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -39,11 +39,6 @@ def data(name: str) -> Float[np.ndarray, "level value"]:
     """One of the tables of ``published_numbers.toml``."""
     rows = declared(__package__, "published_numbers.toml")["data"][name].strip().splitlines()
     return np.array([row.split() for row in rows], float)
-
-
-def levels(values: Float[np.ndarray, "level value"]) -> dict[str, np.ndarray]:
-    """A table's rows as levels of `subject`, its values one after the other."""
-    return {"subject": np.repeat([f"s{n}" for n in range(len(values))], values.shape[1])}
 
 
 def columns(values: Float[np.ndarray, "level value"], repeats: int = 1) -> np.ndarray:
@@ -92,8 +87,11 @@ def least_objective(
         table: further columns, one entry a value, and mass_kg where the formula has it.
         first_sd: of every standard deviation, where the search begins.
     """
+    from scipy.optimize import minimize
+
     y, count = values.ravel(), values.size
-    rows = pd.DataFrame({"impact": np.arange(count), "trial": "t", "mass_kg": REFERENCE, **levels(values)})
+    subject = np.repeat([f"s{n}" for n in range(len(values))], values.shape[1])
+    rows = pd.DataFrame({"impact": np.arange(count), "trial": "t", "mass_kg": REFERENCE, "subject": subject})
     rows = rows.assign(**table)
     known, free = (Normal(distribution="normal", mean=0.0, sd=sd) for sd in (_KNOWN, 1.0))
     fixed_effects = {"K": known, "C": free}
@@ -111,20 +109,12 @@ def least_objective(
         left = jnp.asarray(y) - X @ at[len(names) :]
         return -2 * log_density_of_cells(*exactly_estimated(population, left, sd)) + count * np.log(2 * np.pi)
 
-    begin = np.r_[np.full(len(names), np.log(first_sd)), np.linalg.lstsq(X, y, rcond=None)[0]]
-    return _least(objective, begin)
-
-
-def _least(
-    objective: Callable[[Array], tuple[Array, Array]], begin: Float[np.ndarray, " parameter"]
-) -> float:
-    from scipy.optimize import minimize
-
-    def of_numpy(at: Float[np.ndarray, " parameter"]) -> tuple[float, Float[np.ndarray, " parameter"]]:
+    def value_and_slope(at: Float[np.ndarray, " parameter"]) -> tuple[float, Float[np.ndarray, " parameter"]]:
         value, slope = objective(jnp.asarray(at))
         return float(value), np.asarray(slope)
 
-    return float(minimize(of_numpy, begin, jac=True, method="BFGS").fun)
+    begin = np.r_[np.full(len(names), np.log(first_sd)), np.linalg.lstsq(X, y, rcond=None)[0]]
+    return float(minimize(value_and_slope, begin, jac=True, method="BFGS").fun)
 
 
 def sleep_objective(zero: float) -> float:
