@@ -230,20 +230,10 @@ def _disagreement(force: Force | None, names: pd.Series) -> Iterator[Problem]:
     if not force.contradicts:
         return
     ratio = force.common[0]
-    if force.impulse:
-        yield Problem.stated(
-            "impulse-disagrees",
-            "recording",
-            column=force.channel.name,
-            value=f"{ratio:.3g} M V",
-            declared=f"{force.declared_sd:.2g}",
-        )
-        return
-    yield Problem.stated(
-        f"channels-disagree.{force.channel.place}",
-        "recording",
-        column=force.channel.name,
-        value=f"{ratio:.4g} M a",
+    key = "impulse-disagrees" if force.impulse else f"channels-disagree.{force.channel.place}"
+    yield stated(
+        key,
+        value=f"{ratio:.3g} M V" if force.impulse else f"{ratio:.4g} M a",
         declared=f"{force.declared_sd:.2g}",
         size=f"{100 * abs(ratio - 1):.2g} %",
         mass="more" if ratio > 1 else "less",
