@@ -38,10 +38,16 @@ from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal, planner
+from bayestissue.studies.planning.design_prior import (
+    BLOCK,
+    DesignPrior,
+    FittedDraws,
+    PlannedPopulation,
+    Streams,
+)
 from bayestissue.studies.planning.information import simulation_of
 from bayestissue.studies.planning.plan_file import read_plan
-from bayestissue.studies.planning.planned_population import BLOCK, Pilot, PlannedPopulation, Streams
-from bayestissue.studies.planning.running import Running, RunningPrior, running_study
+from bayestissue.studies.planning.running import Running, running_study, with_levels
 from bayestissue.studies.planning.studies import arrangements
 from bayestissue.studies.planning.study_posterior import PlannedSites, posteriors
 from bayestissue.studies.simulation import simulate
@@ -116,8 +122,8 @@ def posterior_of(running: Running) -> tuple[xr.Dataset, float]:
     centre = np.broadcast_to(running.centre, (BLOCK, *running.centre.shape))
     present = np.ones(centre.shape[:2], bool)
     planned = arranged.model
-    typical = BELIEFS.at_median().truths(planned, arranged.design, Streams(0, 0)).hyperparameters
-    start = planned.unconstrained(typical)
+    typical = DesignPrior(BELIEFS, at_median=True).truths(planned, arranged.design, Streams(0, 0))
+    start = planned.unconstrained(typical.hyperparameters)
     drawn = posteriors(PlannedSites(planned, arranged.columns, running.precision, centre, present), start)
     weight = drawn.weight.ravel() / BLOCK
     chosen = np.random.default_rng(0).choice(len(weight), DRAWS, p=weight)
@@ -130,9 +136,8 @@ def posterior_of(running: Running) -> tuple[xr.Dataset, float]:
 def next_by_plan(running: Running, draws: xr.Dataset, order: list[str]) -> str:
     """The condition that leaves the fewest undecided bits, as `plan --after` finds it."""
     single = {str(n): v.to_numpy().ravel() for n, v in draws.data_vars.items() if v.dims == ("chain", "draw")}
-    prior = RunningPrior.of_posterior(
-        draws, Pilot(single, REFERENCE_KG, BELIEFS), running.rows["mass_kg"].to_numpy(float)
-    )
+    mass_kg = running.rows["mass_kg"].to_numpy(float)
+    prior = DesignPrior(BELIEFS, with_levels(FittedDraws(single, REFERENCE_KG), draws, mass_kg))
     trials, people = [trial for trial in CONDITIONS if order.count(trial) < TWICE], running.rows["subject"]
     designs = [impacts_of(list(people.unique()), [trial]) for trial in trials]
     recorder = simulation_of(PLAN.recording)

@@ -35,9 +35,9 @@ from bayestissue.model.hierarchy.specification import ModelSpecification, specif
 from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal, planner
+from bayestissue.studies.planning.design_prior import BLOCK, DesignPrior, PlannedPopulation, Streams
 from bayestissue.studies.planning.information import simulation_of
-from bayestissue.studies.planning.planned_population import BLOCK, PlannedPopulation, Streams
-from bayestissue.studies.planning.study_model import planned_model
+from bayestissue.studies.planning.study_posterior import planned_model
 from bayestissue.studies.simulation import Simulation, simulate
 from bayestissue.studies.simulation.simulation_file import Recording
 
@@ -59,7 +59,7 @@ def tissue_of(
     reference = float(analysis.reference_mass_kg or np.exp(np.log(rows["mass_kg"]).mean()))
     design = build_design(analysis.formula, rows, reference_mass_kg=reference, source="plan")
     model, _ = planned_model(analysis, design)
-    truths = population.truths(model, design, Streams(seed, number // BLOCK))
+    truths = DesignPrior(population).truths(model, design, Streams(seed, number // BLOCK))
     values = {**truths.hyperparameters, **truths.fixed}
     drawn = {name: float(v.reshape(BLOCK, -1)[number % BLOCK, 0]) for name, v in values.items()}
     tissue: dict[str, Any] = {"reference_mass_kg": reference}
@@ -173,7 +173,8 @@ def reliability(prepared: Prepared, draws: Draws, posterior: xr.Dataset) -> xr.D
 def planned(case: dict[str, Any]) -> list[dict[str, Any]]:
     """A row a share of studies, as a plan has it: those that answer yes, that answer no, and that mislead."""
     recorder = simulation_of(Recording.model_validate(recorder_of(case)))
-    plan = planner([rows_of(case)], specification_of_case(case), population_of(case), recorder, seed=5)
+    prior = DesignPrior(population_of(case))
+    plan = planner([rows_of(case)], specification_of_case(case), prior, recorder, seed=5)
     goal = Goal(case["ask"], case["ask"])
     ((assessed,),) = plan.assess([goal], range(PLANNED // BLOCK), probability=PROBABILITY)
     misleads = (assessed.yes & ~assessed.true) | (assessed.no & assessed.true)

@@ -14,7 +14,7 @@ import pytest
 from bayestissue.base.result import Say
 from bayestissue.studies.planning import ledger as module
 from bayestissue.studies.planning.assurance import Assessment, Goal
-from bayestissue.studies.planning.planned_population import BLOCK
+from bayestissue.studies.planning.design_prior import BLOCK
 
 
 def share(rows: pd.DataFrame, most: float = 1.0) -> float:
@@ -74,7 +74,8 @@ class Ready:
             yes = study * 100 % 4 > 1
             p, truth = np.where(answered, np.where(yes, 0.99, 0.01), 0.5), yes ^ (study < 0.03)
             width = study * np.nan
-        return Assessment(goal, self.probability, p, truth, width, study * 0 + 64)
+        table = pd.DataFrame({"p": p, "true": truth, "width": width, "effective": 64.0})
+        return Assessment(goal, self.probability, table)
 
 
 @contextmanager

@@ -21,10 +21,10 @@ from bayestissue.inference.answers.law import Law
 from bayestissue.model.hierarchy.design import Design, build_design
 from bayestissue.model.hierarchy.specification import specification_of
 from bayestissue.studies.planning.assurance import Goal, Planner
+from bayestissue.studies.planning.design_prior import BLOCK, Streams, Truths
 from bayestissue.studies.planning.information import Information
-from bayestissue.studies.planning.planned_population import BLOCK, Streams, Truths
 from bayestissue.studies.planning.studies import Arrangement
-from bayestissue.studies.planning.study_model import PlannedModel, planned_model
+from bayestissue.studies.planning.study_posterior import PlannedModel, planned_model
 
 pytestmark = pytest.mark.slow
 

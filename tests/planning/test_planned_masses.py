@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue.model.hierarchy.specification import Formulas, MassError, ModelSpecification
-from bayestissue.studies.planning.planned_population import BLOCK, PlannedPopulation, Streams, Truths
+from bayestissue.studies.planning.design_prior import BLOCK, DesignPrior, PlannedPopulation, Streams, Truths
 from bayestissue.studies.planning.studies import Arrangement, Studies, arrangements, draw_studies
 
 MASS_SD, EXACT = 0.05, 1e12
@@ -35,7 +35,7 @@ def planned(masses: list[float], whose: MassError) -> Arrangement:
 def drawn(made: Arrangement, mass_errors: np.ndarray | None = None) -> Studies:
     """Studies without scatter between impacts, so that people and errors of masses are all that is seen."""
     streams = Streams(1, 0)
-    truths = PlannedPopulation().truths(made.model, made.design, streams)
+    truths = DesignPrior(PlannedPopulation()).truths(made.model, made.design, streams)
     none = {name: np.zeros(BLOCK) for name in truths.hyperparameters if name.startswith("sd_impact")}
     truths = Truths(truths.hyperparameters | none, truths.fixed, truths.effects, mass_errors)
     return draw_studies(made, truths, streams)

@@ -16,7 +16,6 @@ from bayestissue.studies.planning.assurance import Goal, Planner, planner
 from bayestissue.studies.planning.plan import Plan
 from bayestissue.studies.planning.plan_file import plan_of
 from bayestissue.studies.planning.planned_study import PlannedStudy, study_of
-from bayestissue.studies.planning.running import RunningPrior
 from bayestissue.studies.simulation import simulate, write_campaign
 from campaigns import spreads, study
 from command_line import bayestissue
@@ -78,7 +77,7 @@ def planned(**changed: object) -> PlannedStudy:
 def ready(begun: Begun) -> Planner:
     """Of nobody further, and of ten people."""
     case = planned(after=begun.after()).cases[0]
-    assert case.running is not None
+    assert case.running.begun
     rows = case.running.rows
     more = pd.concat([rows[rows["subject"] == "s01"].assign(subject=f"new{n}") for n in range(10)])
     return planner([rows[:0], more], case.model, case.prior, case.simulation, running=case.running)
@@ -86,8 +85,8 @@ def ready(begun: Begun) -> Planner:
 
 def test_people_and_conditions_go_on(begun: Begun) -> None:
     study = planned(after=begun.after())
-    assert isinstance(study.cases[0].prior, RunningPrior)
-    assert study.cases[0].running is not None
+    assert study.cases[0].prior.fitted is not None
+    assert study.cases[0].running.begun
     assert len(study.cases[0].running.rows) == 10
     rows = study.cases[0].design.rows()
     assert rows["subject"].tolist() == ["new001", "new002", "new003"]

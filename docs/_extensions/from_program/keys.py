@@ -18,8 +18,8 @@ from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.recordings.dataset.dataset_file import Settings
 from bayestissue.recordings.dataset.impact_table import COLUMNS, required_columns
 from bayestissue.studies.bench.campaign_file import CampaignSpecification
+from bayestissue.studies.planning.design_prior import Known
 from bayestissue.studies.planning.plan_file import PlanSpecification
-from bayestissue.studies.planning.planned_population import Known
 from bayestissue.studies.simulation.simulation_file import Simulation
 from from_program.markdown import code, escaped, table
 

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 def _of_plan(plan: Plan) -> Iterator[Shown]:
     from bayestissue.base.outline import numbers_in_short
     from bayestissue.commands.console import Grid
+    from bayestissue.reports.pages.page import worded
     from bayestissue.reports.pages.page_tables import table_of_cells
     from bayestissue.reports.pages.wording import nouns_of_plan, with_error
-    from bayestissue.studies.planning.plan_words import duration
 
     designs = plan.content["designs"]
     goals = [name.replace("_", " ") for name in designs[0]["goals"]]
@@ -39,7 +39,7 @@ def _of_plan(plan: Plan) -> Iterator[Shown]:
             *(numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")),
             str(design["repeats"]),
             *(design[name] for name in recorders),
-            duration(design["minutes"]),
+            worded("plan", "duration", design["minutes"]),
             *(with_error(goal["answered"], goal["se"]) for goal in design["goals"].values()),
         )
         for design in designs
@@ -111,8 +111,7 @@ def plan(
         call.echo(words)
     assert call.out is not None  # noqa: S101 - it is required
     # Studies are kept by what they depend on, so that those of another plan do no harm.
-    known, parts = known_studies(call.out), call.parts("plan")
-    return carry_out(study, say=call.say, known=known, parts=parts)
+    return carry_out(study, say=call.say, known=known_studies(call.out), parts=call.parts("plan"))
 
 
 def _specification(file: Path | None, options: dict[str, Any]) -> tuple[PlanSpecification, str]:

@@ -38,8 +38,7 @@ from bayestissue.studies.fitting import resolve
 from bayestissue.studies.init import COUNTS
 from bayestissue.studies.one_impact import Impact
 from bayestissue.studies.planning.information import told_of_tissue
-from bayestissue.studies.planning.study_model import planned_model
-from bayestissue.studies.planning.study_posterior import PlannedSites, posteriors
+from bayestissue.studies.planning.study_posterior import PlannedSites, planned_model, posteriors
 
 _FORMULA = "log(mass_kg) + (1|subject)"
 # Of people, masses and repeats of each: the table has room for so many, and doubles where they are more.

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,19 +26,21 @@ from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.samplers.sampling import weighted_quantiles
+from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.outcomes import OUTCOMES
+from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.recorded import Recorded
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification
-from bayestissue.studies.planning.information import Information, TypicalTissue, information
-from bayestissue.studies.planning.planned_population import DesignPrior, Streams, Truths
+from bayestissue.studies.planning.design_prior import DesignPrior, Streams, Truths
+from bayestissue.studies.planning.information import Information, information
 from bayestissue.studies.planning.running import Running
 from bayestissue.studies.planning.studies import Arrangement, arrangements, draw_studies
 from bayestissue.studies.planning.study_posterior import PlannedSites, Posteriors, posteriors
 from bayestissue.studies.planning.tabulated_law import planned_law
-from bayestissue.studies.simulation.simulation_file import Simulation
+from bayestissue.studies.simulation.simulation_file import Simulation, Tissue
 
-PER_STUDY = {"p": float, "true": bool, "width": float, "effective": float}
+PER_STUDY = ("p", "true", "width", "effective")
 
 
 @dataclass(frozen=True)
@@ -48,21 +50,24 @@ class Goal:
     Attributes:
         name: what tables call it.
         text: a claim, or an expression, as questions of a finished fit are written.
-        width: of an expression, the half width of its interval that is wanted.
+        width: of an expression, the half width of its 90 % interval that is wanted.
         relative: whether that is of a ratio: (high / low)^1/2 - 1.
-        level: of the interval.
     """
 
     name: str
     text: str
     width: float | None = None
     relative: bool = False
-    level: float = 0.9
 
     @cached_property
     def node(self) -> Node:
         """The text as it was read."""
         return parse(self.text)
+
+    @cached_property
+    def over_levels(self) -> bool:
+        """Whether it is of all levels of something, which are those of each design."""
+        return any(quantity.free for quantity in self.node.quantities())
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,23 +77,34 @@ class Assessment:
     Attributes:
         goal: the goal.
         probability: a claim is answered above it, or below one less it.
-        p: of each study, the posterior probability of the claim; NaN of an expression.
-        true: whether the claim is true of the study's truth.
-        width: half width of the interval; NaN of a claim.
-        effective: of the points that each posterior was integrated by, how many count.
+        table: a row a study: ``p``, the posterior probability of the claim, NaN of an expression; ``true``,
+            whether the claim is true of the study's truth; ``width``, half that of the interval, NaN of a
+            claim; ``effective``, of the points that the posterior was integrated by, how many count.
     """
 
     goal: Goal
     probability: float
-    p: Float[np.ndarray, " study"]
-    true: Bool[np.ndarray, " study"]
-    width: Float[np.ndarray, " study"]
-    effective: Float[np.ndarray, " study"]
+    table: pd.DataFrame
 
     @property
     def studies(self) -> int:
         """How many there were."""
-        return len(self.p)
+        return len(self.table)
+
+    @property
+    def p(self) -> Float[np.ndarray, " study"]:
+        """Of each study, the posterior probability of the claim."""
+        return self.table["p"].to_numpy(float)
+
+    @property
+    def true(self) -> Bool[np.ndarray, " study"]:
+        """Of each study, whether the claim is true."""
+        return self.table["true"].to_numpy(bool)
+
+    @property
+    def width(self) -> Float[np.ndarray, " study"]:
+        """Of each study, half the width of the interval."""
+        return self.table["width"].to_numpy(float)
 
     @property
     def yes(self) -> Bool[np.ndarray, " study"]:
@@ -132,15 +148,6 @@ class Assessment:
             "width": _mean(self.width) if is_width else None,
             "width_q80": _mean(np.quantile(self.width, [0.8])) if is_width else None,
         }
-
-    @classmethod
-    def from_table(cls, goal: Goal, probability: float, table: pd.DataFrame) -> Self:
-        """Of a row for each study, as `table` has them."""
-        return cls(goal, probability, *(table[name].to_numpy(kind) for name, kind in PER_STUDY.items()))
-
-    def table(self) -> pd.DataFrame:
-        """A row for each study, of the columns `PER_STUDY`."""
-        return pd.DataFrame({name: getattr(self, name) for name in PER_STUDY})
 
 
 def _mean(values: Float[np.ndarray, " number"]) -> float | None:
@@ -186,116 +193,89 @@ class Planner:
             By design, in the order in which they were given, and goal.
         """
         work = [(arrangement, block) for arrangement in self.arranged for block in blocks]
-        designs = sum(len(arrangement.numbers) for arrangement in self.arranged)
-        done, total = 0, designs * len(blocks)
-        tables: dict[tuple[int, int], list[pd.DataFrame]] = {}
+        done, total = 0, len(blocks) * sum(len(arrangement.numbers) for arrangement in self.arranged)
+        tables: dict[int, list[list[pd.DataFrame]]] = {}
         progress("assessing designs", 0, total)
-        blocks_of = in_threads(lambda item: self._block(*item, goals, probability), work)
-        for (arrangement, _), by_design in zip(work, blocks_of, strict=True):
-            for number, assessed in zip(arrangement.numbers, by_design, strict=True):
-                for goal, one in enumerate(assessed):
-                    tables.setdefault((number, goal), []).append(one.table())
-                done += 1
+        of_blocks = in_threads(lambda item: self._block(*item, goals), work)
+        for (arrangement, _), of_designs in zip(work, of_blocks, strict=True):
+            for number, of_goals in zip(arrangement.numbers, of_designs, strict=True):
+                tables.setdefault(number, []).append(of_goals)
+            done += len(arrangement.numbers)
             progress("assessing designs", done, total)
         return [
             [
-                Assessment.from_table(goal, probability, pd.concat(tables[number, position]))
-                for position, goal in enumerate(goals)
+                Assessment(goal, probability, pd.concat(of_goal, ignore_index=True))
+                for goal, of_goal in zip(goals, zip(*tables[number], strict=True), strict=True)
             ]
-            for number in range(designs)
+            for number in sorted(tables)
         ]
 
-    def _block(
-        self, arrangement: Arrangement, block: int, goals: Sequence[Goal], probability: float
-    ) -> list[list[Assessment]]:
-        """One block of studies of each design of an arrangement."""
-        model, streams = arrangement.model, Streams(self.seed, block)
-        truths = self.prior.truths(model, arrangement.design, streams)
+    def _block(self, arrangement: Arrangement, block: int, goals: Sequence[Goal]) -> list[list[pd.DataFrame]]:
+        """One block of studies of each design of an arrangement, by goal: see `Assessment`."""
+        model, design, streams = arrangement.model, arrangement.design, Streams(self.seed, block)
+        truths = self.prior.truths(model, design, streams)
         studies = draw_studies(arrangement, truths, streams)
         single = {name: values[:, None] for name, values in truths.hyperparameters.items()}
         start, assessed = model.unconstrained(truths.hyperparameters), []
-        for position in range(len(arrangement.numbers)):
-            present = np.broadcast_to(arrangement.present[position], studies.centre.shape[:2])
+        for has in arrangement.present:
+            present = np.broadcast_to(has, studies.centre.shape[:2])
             sites = PlannedSites(model, arrangement.columns, arrangement.precision, studies.centre, present)
             drawn = posteriors(sites, start)
             # The same people with more or fewer impacts have their mode near.
             start = drawn.mode
-            answers = _Answers(arrangement, position, self.information, goals, self.law)
-            posterior = answers.dataset(drawn.hyperparameters, drawn.b)
-            truth = answers.dataset(single, studies.b[:, None])
+            rows = arrangement.rows[has].reset_index(drop=True)
+            recorded = replace(design.recorded, rows=rows)
+            posterior, truth = (
+                self._values(goals, model.draws(design, *drawn_from), recorded, design)
+                for drawn_from in ((drawn.hyperparameters, drawn.b), (single, studies.b[:, None]))
+            )
             assessed.append(
                 [
-                    _assessment(
-                        goal,
-                        probability,
-                        drawn,
-                        answers.values(goal.node, posterior),
-                        answers.values(goal.node, truth),
-                    )
-                    for goal in goals
+                    _assessed(goal, drawn, *of_goal)
+                    for goal, *of_goal in zip(goals, posterior, truth, strict=True)
                 ]
             )
         return assessed
 
+    def _values(
+        self, goals: Sequence[Goal], draws: xr.Dataset, recorded: Recorded, design: Design
+    ) -> list[Float[np.ndarray, "study draw"]]:
+        """The values of each goal, 1 or 0 of a claim.
 
-def _assessment(
+        Args:
+            goals: of which.
+            draws: a study in the place of a chain.
+            recorded: by this design.
+            design: over the rows of all that are like it.
+        """
+        names = {quantity.name for goal in goals for quantity in goal.node.quantities()}
+        if lacking := names - {*map(str, draws.data_vars), *RESPONSES, *OUTCOMES}:
+            sd = self.information.measurement_sd
+            of_responses = {q: variances(draws, recorded, q, measurement_sd=sd[q]) for q in RESPONSES}
+            found = {f"{c.name}_{c.quantity}": c.drawn for c in coefficients(of_responses, draws)}
+            draws = draws.assign({name: (("chain", "draw"), found[name]) for name in lacking & set(found)})
+        of_design, of_all = (Study(draws, rows, self.law) for rows in (recorded, design.recorded))
+        values = (draws_of(goal.node, of_design if goal.over_levels else of_all) for goal in goals)
+        return [one.transpose("chain", "draw").to_numpy().astype(float) for one in values]
+
+
+def _assessed(
     goal: Goal,
-    probability: float,
     posterior: Posteriors,
     values: Float[np.ndarray, "study draw"],
     true: Float[np.ndarray, "study draw"],
-) -> Assessment:
+) -> pd.DataFrame:
     """Of the values of a goal by the posterior and in truth, which has one draw."""
-    none = np.full(len(values), np.nan)
+    p = width = np.full(len(values), np.nan)
     # A time that never comes in some draws has no mean, nor need it have a width.
     with np.errstate(invalid="ignore"):
         if goal.width is None:
-            p, width = (values * posterior.weight).sum(axis=1), none
+            p = (values * posterior.weight).sum(axis=1)
         else:
-            ends = [(1 - goal.level) / 2, (1 + goal.level) / 2]
-            low, high = weighted_quantiles(values, posterior.weight, ends)
-            p, width = none, np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
-    return Assessment(goal, probability, p, true[:, 0] > 0.5, width, posterior.effective)
-
-
-@dataclass(frozen=True, eq=False)
-class _Answers:
-    """One design's draws as questions read them, a study in the place of a chain."""
-
-    arrangement: Arrangement
-    position: int
-    information: Information
-    goals: Sequence[Goal]
-    law: Law
-
-    @cached_property
-    def _recorded(self) -> Recorded:
-        """The rows of this design."""
-        rows = self.arrangement.rows[self.arrangement.present[self.position]].reset_index(drop=True)
-        return replace(self.arrangement.design.recorded, rows=rows)
-
-    def dataset(
-        self, values: dict[str, np.ndarray], b: Float[np.ndarray, "study draw location"]
-    ) -> xr.Dataset:
-        """What the questions are of, from draws of the hyperparameters and effects."""
-        draws = self.arrangement.model.draws(self.arrangement.design, values, b)
-        names = {quantity.name for goal in self.goals for quantity in goal.node.quantities()}
-        lacking = names - {*map(str, draws.data_vars), *RESPONSES, *OUTCOMES}
-        return draws.merge(self._reliability(draws, lacking)) if lacking else draws
-
-    def _reliability(self, draws: xr.Dataset, names: set[str]) -> xr.Dataset:
-        """Those of the coefficients of reliability that are named."""
-        sd, recorded = self.information.measurement_sd, self._recorded
-        of_responses = {q: variances(draws, recorded, q, measurement_sd=sd[q]) for q in RESPONSES}
-        of_names = {f"{c.name}_{c.quantity}": c.drawn for c in coefficients(of_responses, draws)}
-        return xr.Dataset({name: (("chain", "draw"), of_names[name]) for name in names & set(of_names)})
-
-    def values(self, node: Node, draws: xr.Dataset) -> Float[np.ndarray, "study draw"]:
-        """The values of a question in each draw, 1 or 0 of a claim."""
-        over_levels = any(quantity.free for quantity in node.quantities())
-        recorded = self._recorded if over_levels else self.arrangement.design.recorded
-        values = draws_of(node, Study(draws, recorded, self.law))
-        return values.transpose("chain", "draw").to_numpy().astype(float)
+            low, high = weighted_quantiles(values, posterior.weight, [0.05, 0.95])
+            width = np.sqrt(high / low) - 1 if goal.relative else (high - low) / 2
+    columns = p, true[:, 0] > 0.5, width, posterior.effective
+    return pd.DataFrame(dict(zip(PER_STUDY, columns, strict=True)))
 
 
 def planner(
@@ -315,15 +295,15 @@ def planner(
         prior: of the tissue.
         simulation: whose recording, recorder and gravity are those of the study.
         seed: of all studies.
-        running: a study that has begun: each design is then what is still to come, and ``prior`` a
-            `RunningPrior`.
+        running: a study that has begun: each design is then what is still to come, and ``prior`` has draws of
+            its fit.
 
     Raises:
         InputError: a formula asks for what a design can't identify, or the recorder's traces are no data
             for this analysis.
     """
-    if running is not None:
-        designs = [pd.concat([running.rows, design], ignore_index=True)[list(design)] for design in designs]
+    recorded = running or Running()
+    designs = [recorded.followed_by(design)[list(design)] for design in designs]
     rows = pd.concat([*designs], ignore_index=True)
     reference = specification.reference_mass_kg or float(np.exp(np.log(rows["mass_kg"]).mean()))
     arranged = arrangements(
@@ -333,23 +313,34 @@ def planner(
         relative_mass_sd=simulation.recording.relative_mass_sd,
     )
     truths = prior.truths(arranged[0].model, arranged[0].design, Streams(seed, 0))
-    tissue = typical_tissue(truths, arranged[0], reference)
+    tissue = typical_tissue(truths, arranged[0].design, specification.element)
     known = information(rows, specification, tissue, simulation, seed)
-    with_traces = [arrangement.with_traces(known, running) for arrangement in arranged]
+    with_traces = [arrangement.with_traces(known, recorded) for arrangement in arranged]
     law = planned_law(specification, simulation.gravity)
     return Planner(with_traces, known, prior, seed, law)
 
 
-def typical_tissue(truths: Truths, arrangement: Arrangement, reference_mass_kg: float) -> TypicalTissue:
-    """Mean and spread of log K and log C over all people of all truths, at the reference mass."""
-    sds, fixed = truths.hyperparameters, truths.fixed
+def typical_tissue(truths: Truths, design: Design, of_element: str) -> Tissue:
+    """A person at the median of all truths, at the reference mass; between people all that truths differ by.
 
-    def of_response(q: str) -> tuple[float, float, float]:
-        terms = arrangement.design.recorded.response(q).terms.groups
+    Args:
+        truths: of some studies.
+        design: of their formulas.
+        of_element: what the impactor meets; its further parameters are typical.
+    """
+    stated: dict[str, Any] = {}
+    for q, stem in {"K": "K_N_per_m", "C": "C_N_s_per_m"}.items():
+        terms = design.recorded.response(q).terms.groups
         names = [*(term.sd(q) for term in terms if not term.slope), f"sd_impact_{q}"]
-        within = np.sum([np.mean(sds[name] ** 2) for name in names if name in sds])
-        level, exponent = fixed[f"intercept_{q}"], fixed.get(f"mass_exponent_{q}", np.zeros(1))
-        return float(np.median(level)), float(np.sqrt(level.var() + within)), float(np.median(exponent))
-
-    mean, sd, exponent = zip(*map(of_response, RESPONSES), strict=True)
-    return TypicalTissue(mean, sd, exponent, reference_mass_kg)
+        within = np.sum([np.mean(sd**2) for name, sd in truths.hyperparameters.items() if name in names])
+        level = truths.fixed[f"intercept_{q}"]
+        exponent = truths.fixed.get(f"mass_exponent_{q}", np.zeros(1))
+        stated |= {
+            stem: np.exp(np.median(level)),
+            f"sd_subject_{q}": np.sqrt(level.var() + within),
+            f"mass_exponent_{q}": np.median(exponent),
+        }
+    parameters = {parameter.name: parameter.typical for parameter in element(of_element).extra}
+    return Tissue(
+        **stated, reference_mass_kg=design.reference_mass_kg, element=of_element, parameters=parameters
+    )

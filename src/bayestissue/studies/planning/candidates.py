@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -72,10 +73,6 @@ class Candidate:
         of_people, of_impacts = self.people * cost.person_min, self.planned_impacts * cost.impact_min
         return of_people + of_impacts + changes * cost.mass_change_min
 
-    def with_people(self, people: int) -> Candidate:
-        """The same design with another number of people."""
-        return replace(self, people=people)
-
     def rows(self) -> pd.DataFrame:
         """The impacts that give a recording: ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s``, factors.
 
@@ -85,14 +82,12 @@ class Candidate:
         others = (f"{self.prefix}{number + 1:03d}" for number in range(measured))
         names = {pair: "{:g} kg at {:g} m/s".format(*pair) for pair in self.conditions}
         names |= {(mass, velocity): name for mass, velocity, name in self.trials_named}
-        parts: dict[str, list[tuple[Any, ...]]] = {
-            "subject": [(name,) for name in (*self.people_named, *others)][:measured],
-            "condition": [(names[pair], *pair) for pair in self.conditions],
-            **{factor.name: [(level,) for level in factor.levels] for factor in self._crossed},
-            "repeat": [()] * self.repeats,
-        }
+        people = [(name,) for name in (*self.people_named, *others)][:measured]
+        levels = [[(level,) for level in factor.levels] for factor in self._crossed]
+        conditions = [(names[pair], *pair) for pair in self.conditions]
         columns = ["subject", *_CONDITION, *(factor.name for factor in self._crossed)]
-        impacts = [[cell for part in row for cell in part] for row in product(*parts.values())]
+        combined = product(people, conditions, *levels, [()] * self.repeats)
+        impacts = [[cell for part in row for cell in part] for row in combined]
         table = pd.DataFrame(impacts, columns=columns).astype({"mass_kg": float, "velocity_m_s": float})
         random = np.random.default_rng(0)
         for factor in self.factors:
@@ -141,9 +136,8 @@ def grid(candidates: Candidates, recorders: Sequence[str] = ("",)) -> list[Candi
 
 def largest_of_each(designs: Sequence[Candidate]) -> dict[Conditions, Candidate]:
     """Of each set of conditions the design with the most impacts, which tells all that any of it can."""
-    largest: dict[Conditions, Candidate] = {}
-    for design in designs:
-        earlier = largest.get(design.conditions)
-        if earlier is None or design.planned_impacts > earlier.planned_impacts:
-            largest[design.conditions] = design
-    return largest
+    impacts = attrgetter("planned_impacts")
+    return {
+        conditions: max((design for design in designs if design.conditions == conditions), key=impacts)
+        for conditions in dict.fromkeys(design.conditions for design in designs)
+    }

@@ -25,7 +25,6 @@ from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.expansions import expanded, first_guess
 from bayestissue.inference.factors.sites import laplace_sites
-from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
@@ -43,23 +42,6 @@ from bayestissue.studies.simulation.simulation_file import (
 )
 
 _CONDITION = ("mass_kg", "velocity_m_s", "diameter_m")
-
-
-@dataclass(frozen=True)
-class TypicalTissue:
-    """What the simulated people have: means and standard deviations of log K and log C over the population.
-
-    Attributes:
-        mean: of log K and log C at the reference mass.
-        sd: of all that makes an impact's differ.
-        exponent: of log mass, of K and of C.
-        reference_mass_kg: that mass.
-    """
-
-    mean: tuple[float, float]
-    sd: tuple[float, float]
-    exponent: tuple[float, float]
-    reference_mass_kg: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +72,8 @@ class Information:
 
     def of_rows(self, rows: pd.DataFrame) -> Float[np.ndarray, "impact parameter parameter"]:
         """The precision of each planned impact."""
-        columns = list(self.conditions)
-        numbered = self.conditions.assign(_condition=np.arange(len(self.conditions)))
-        condition = rows[columns].merge(numbered, on=columns, how="left")["_condition"].to_numpy()
+        conditions, hit_by = map(pd.MultiIndex.from_frame, (self.conditions, rows[list(self.conditions)]))
+        condition = conditions.get_indexer(hit_by)
         person = pd.factorize(rows["subject"])[0] + rows.groupby("subject").cumcount().to_numpy()
         return self.precision[condition, person % self.precision.shape[1]]
 
@@ -100,7 +81,7 @@ class Information:
 def information(
     rows: pd.DataFrame,
     specification: ModelSpecification,
-    tissue: TypicalTissue,
+    tissue: Tissue,
     simulation: Simulation,
     seed: int = 0,
 ) -> Information:
@@ -109,7 +90,7 @@ def information(
     Args:
         rows: of all designs: ``mass_kg``, ``velocity_m_s``.
         specification: the analysis: likelihood, element, signal.
-        tissue: of the people that are simulated.
+        tissue: of the people that are simulated: see `typical_tissue`.
         simulation: whose recording, recorder and gravity are those of the study.
         seed: of the simulated impacts.
 
@@ -119,32 +100,18 @@ def information(
     """
     columns = [name for name in _CONDITION if name in rows]
     conditions = rows[columns].drop_duplicates(ignore_index=True)
-    further = element(specification.element).extra
+    hit_by = tuple(
+        Condition(trial=f"t{number}", **{str(name): value for name, value in row.items()})
+        for number, row in enumerate(conditions.to_dict("records"))
+    )
+    # An error of the mass is part of how impacts scatter, and not of what one impact tells; that of the gain
+    # is, and whether others share it does not show in one.
+    errors = {"relative_mass_sd": 0.0, "gain_error": "impact"}
     planned = simulation.model_copy(
         update={
-            "design": StudyDesign(
-                conditions=tuple(
-                    Condition(trial=f"t{number}", **{str(name): value for name, value in row.items()})
-                    for number, row in enumerate(conditions.to_dict("records"))
-                ),
-                subjects=SETTINGS.people,
-            ),
-            "tissue": Tissue(
-                K_N_per_m=float(np.exp(tissue.mean[0])),
-                C_N_s_per_m=float(np.exp(tissue.mean[1])),
-                reference_mass_kg=tissue.reference_mass_kg,
-                mass_exponent_K=tissue.exponent[0],
-                mass_exponent_C=tissue.exponent[1],
-                sd_subject_K=tissue.sd[0],
-                sd_subject_C=tissue.sd[1],
-                element=specification.element,
-                parameters={parameter.name: parameter.typical for parameter in further},
-            ),
-            # An error of the mass is part of how impacts scatter, and not of what one impact tells; that of
-            # the gain is, and whether others share it does not show in one.
-            "recording": simulation.recording.model_copy(
-                update={"relative_mass_sd": 0.0, "gain_error": "impact"}
-            ),
+            "design": StudyDesign(conditions=hit_by, subjects=SETTINGS.people),
+            "tissue": tissue,
+            "recording": simulation.recording.model_copy(update=errors),
         }
     )
     campaign = simulate(planned, seed)
@@ -154,9 +121,11 @@ def information(
     start[:, :2] = truth
     nuisance = start[:, 2:]
     spread = spreads_of_nuisance(prepared.model)
-    sd = np.concatenate([np.maximum(tissue.sd, 1e-3), spread])
+    sd = np.append(np.maximum([tissue.sd_subject_K, tissue.sd_subject_C], 1e-3), spread)
     log_mass = np.log(prepared.signal.mass / tissue.reference_mass_kg)
-    mean = np.concatenate([np.array(tissue.mean) + np.outer(log_mass, tissue.exponent), nuisance], axis=1)
+    typical = np.log([tissue.K_N_per_m, tissue.C_N_s_per_m])
+    exponents = tissue.mass_exponent_K, tissue.mass_exponent_C
+    mean = np.append(typical + np.outer(log_mass, exponents), nuisance, axis=1)
     prior = ConditionalPrior(mean, np.diag(sd**-2.0)).of_each()
     smooth = with_normal_errors(prepared.data)
     sites = map_impacts(partial(laplace_sites, prepared.model), smooth, start, prior)
@@ -216,5 +185,5 @@ def simulation_of(
 ) -> Simulation:
     """A specification of which the measuring chain alone counts."""
     tissue = Tissue(K_N_per_m=3000.0, C_N_s_per_m=25.0)
-    chain = Recording(**{name: getattr(recording, name) for name in RecordedDeceleration.model_fields})
+    chain = Recording(**recording.model_dump(exclude={"name"}))
     return Simulation(name="plan", tissue=tissue, recording=chain, recorder=recorder, gravity=gravity)

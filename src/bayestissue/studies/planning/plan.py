@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.base import runtime
-from bayestissue.base.errors import path_argument
+from bayestissue.base.errors import Coded, path_argument
 from bayestissue.base.outline import Rows, short
 from bayestissue.base.result import Result, Say, silent
 from bayestissue.base.results.files import write_json
@@ -32,14 +32,7 @@ from bayestissue.studies.planning.plan_words import (
     in_own_words,
     limit_words,
     paragraph,
-    warning,
     what_limits,
-)
-from bayestissue.studies.planning.planned_population import (
-    DesignPrior,
-    Pilot,
-    PlannedPopulation,
-    WithoutSpread,
 )
 from bayestissue.studies.planning.planned_study import PlannedStudy, factors_named, study_of
 from bayestissue.studies.simulation.simulation_file import Recording
@@ -225,24 +218,24 @@ def carry_out(
     """
     start = runtime.CommandStart()
     aim = study.plan.goal
-    ledger = Ledger(aim.seed, aim.probability, say or silent, known, parts)
-    cases = study.cases
-    assessments = ledger.assess(cases, study.goals, aim.studies)
+    ledger, cases = Ledger(study.goals, aim, say or silent, known, parts), study.cases
+    assessments = ledger.assess(cases, aim.studies)
     minutes = [case.design.minutes(study.plan.cost) for case in cases]
     # The least assurance of all goals as a fraction of what is wanted.
     reached = [min(one.answered for one in of_goals) / aim.assurance for of_goals in assessments]
-    chosen = _best(range(len(cases)), reached, minutes)
+    # The cheapest that answers; where none does, the one that answers most.
+    chosen = max(range(len(cases)), key=lambda number: (min(reached[number], 1), -minutes[number]))
     reaching = reached[chosen] >= 1
     variants, limits = _variants(cases[chosen], reaches=reaching), _limits(cases[chosen])
     fewer = min(aim.studies, SETTINGS.fewer_studies)
     normal = bool(ledger.table()["normal"].all())
     # Not many people too: designs that are assessed together cost as much as the largest of them.
     together = [case for name, case in variants.items() if name != "many people"]
-    ledger.assess([*together, *limits.values()], study.goals, fewer)
-    (base,) = ledger.assess([cases[chosen]], study.goals, fewer)
+    ledger.assess([*together, *limits.values()], fewer)
+    (base,) = ledger.assess([cases[chosen]], fewer)
 
     def numbers(case: Case) -> dict[str, Any]:
-        (assessed,) = ledger.assess([case], study.goals, fewer)
+        (assessed,) = ledger.assess([case], fewer)
         return _of_case(case, study.plan, assessed, base)
 
     content: dict[str, Any] = {
@@ -268,26 +261,18 @@ def carry_out(
         "limits": {key: {"words": limit_words(key), **numbers(case)} for key, case in limits.items()},
         **({"words": dict(study.words)} if study.words else {}),
     }
-    content = _in_words(content)
+    # Of all that was assumed and found, and then come the same in words.
+    content["sha256"] = sha256_of(content)
+    content |= {
+        "answer": answer(content),
+        "paragraph": paragraph(content),
+        "warning": "" if normal else Coded.stated("traces-not-normal"),
+        "limiting": what_limits(content),
+    }
+    content = in_own_words(content)
     stated = {"plan": study.plan.name, "seed": aim.seed, "studies": aim.studies, "sha256": content["sha256"]}
     record = start.record("plan", "plan", **stated)
     return Plan(record, content, _designs(content), ledger.table())
-
-
-def _in_words(content: dict[str, Any]) -> dict[str, Any]:
-    """With a digest of all that was assumed and found, and then the same in words, the study's own."""
-    content["sha256"] = sha256_of(content)
-    content |= {"answer": answer(content), "paragraph": paragraph(content), "warning": warning(content)}
-    content["limiting"] = what_limits(content)
-    return in_own_words(content)
-
-
-def _best(numbers: Sequence[int], reached: Sequence[float], minutes: Sequence[float]) -> int:
-    """Of some designs the cheapest that answers; where none does, the one that answers most."""
-    reaching = [number for number in numbers if reached[number] >= 1]
-    if reaching:
-        return min(reaching, key=lambda number: minutes[number])
-    return max(numbers, key=lambda number: (reached[number], -minutes[number]))
 
 
 def known_studies(folder: Path) -> pd.DataFrame | None:
@@ -301,50 +286,45 @@ def known_studies(folder: Path) -> pd.DataFrame | None:
 def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
     """The chosen design with more people, and at one assumed truth or as it stands."""
     design = case.design
-    variants = {"more people": replace(case, design=design.with_people(design.people + SETTINGS.more_people))}
-    if case.running is None:
-        variants["one truth"] = replace(case, prior=_at_one_truth(case.prior))
+    if case.running.begun:
+        further = {"as it stands": _with_people(case, 0)}
     else:
-        variants["as it stands"] = replace(case, design=design.with_people(0))
+        further = {"one truth": replace(case, prior=replace(case.prior, at_median=True))}
     if not reaches:
         many = max(2 * design.people, min(SETTINGS.many_times * design.people, MOST_PEOPLE))
-        variants["many people"] = replace(case, design=design.with_people(many))
-    return variants
+        further["many people"] = _with_people(case, many)
+    return {"more people": _with_people(case, design.people + SETTINGS.more_people), **further}
+
+
+def _with_people(case: Case, people: int) -> Case:
+    """The same with another number of people."""
+    return replace(case, design=replace(case.design, people=people))
 
 
 def _limits(case: Case) -> dict[str, Case]:
-    """The chosen design, each time less limited in one respect; see `words.LIMITS`."""
+    """The chosen design, each time less limited in one respect; see `limit_words`."""
     design, simulation = case.design, case.simulation
     chain, formula = simulation.recording, case.model.formula
     limits = {
-        "people": replace(case, design=design.with_people(2 * design.people)),
+        "people": _with_people(case, 2 * design.people),
         "impacts": replace(case, design=replace(design, repeats=2 * design.repeats)),
     }
     terms = dict.fromkeys(term for q in RESPONSES for term in terms_of(getattr(formula, q)).groups)
     for stem in (term.stem for term in terms if term != SUBJECT):
-        limits[stem] = replace(case, prior=WithoutSpread(case.prior, f"sd_{stem}"))
-    for name, share in (("noise", SETTINGS.better_noise), ("chain", 0.0)):
-        better = _with_less(chain, share, noise=name == "noise")
+        limits[stem] = replace(case, prior=replace(case.prior, without=f"sd_{stem}"))
+    errors = [name for name in Recording.model_fields if "_sd" in name or name.startswith("noise_")]
+    for key, share in (("noise", SETTINGS.better_noise), ("chain", 0.0)):
+        of_key = [name for name in errors if name.startswith("noise_") == (key == "noise")]
+        better = chain.model_copy(update={name: share * getattr(chain, name) for name in of_key})
         if better != chain:
-            limits[name] = replace(case, simulation=simulation.model_copy(update={"recording": better}))
+            limits[key] = replace(case, simulation=simulation.model_copy(update={"recording": better}))
     return limits
-
-
-def _with_less(chain: Recording, share: float, *, noise: bool) -> Recording:
-    """A share of the standard deviations of a measuring chain: of its noise, or of all its other errors."""
-    names = [
-        name
-        for name in Recording.model_fields
-        if ("_sd" in name or name.startswith("noise_")) and name.startswith("noise_") == noise
-    ]
-    return chain.model_copy(update={name: share * getattr(chain, name) for name in names})
 
 
 def _held_open(case: Case, goals: Sequence[Goal]) -> dict[str, list[dict[str, Any]]]:
     """Of each goal, the group terms that people do not tell from it however many there are, with levels."""
     rows = case.design.rows()
-    if case.running is not None:
-        rows = pd.concat([case.running.rows, rows], ignore_index=True)[list(rows)]
+    rows = case.running.followed_by(rows)[list(rows)]
     reference = case.model.reference_mass_kg
     recorded = build_design(
         case.model.formula, rows, reference_mass_kg=reference, source=case.model.name
@@ -356,17 +336,6 @@ def _held_open(case: Case, goals: Sequence[Goal]) -> dict[str, list[dict[str, An
         ]
         for goal in goals
     }
-
-
-def _at_one_truth(prior: DesignPrior) -> DesignPrior:
-    """Every belief at its median."""
-    match prior:
-        case PlannedPopulation():
-            return prior.at_median()
-        case Pilot(draws=draws, otherwise=otherwise):
-            medians = {name: np.median(values, keepdims=True) for name, values in draws.items()}
-            return Pilot(medians, prior.reference_mass_kg, otherwise.at_median())
-    raise TypeError(type(prior))
 
 
 def _of_case(

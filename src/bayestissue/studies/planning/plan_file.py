@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field
 from bayestissue.base import runtime
 from bayestissue.base.settings import TomlTable, checked, only, parse_toml, read_text
 from bayestissue.recordings.dataset.dataset_file import Gravity, LowPassFilter, Positive, WordSettings
-from bayestissue.studies.planning.planned_population import BLOCK, PlannedPopulation
+from bayestissue.studies.planning.design_prior import BLOCK, PlannedPopulation
 from bayestissue.studies.simulation.simulation_file import Condition, Count, Factor, RecordedDeceleration
 
 Minutes = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bayestissue.base.errors import Coded
+import pandas as pd
+
 from bayestissue.reports.pages.page import worded
-from bayestissue.reports.pages.wording import half_width, listed, nouns_of_plan, percent, with_error
+from bayestissue.reports.pages.wording import (
+    SENTENCES,
+    half_width,
+    listed,
+    nouns_of_plan,
+    percent,
+    with_error,
+)
 from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
 
 Content = Mapping[str, Any]
-# What may limit the answer, by its key in plan.json: the chosen design with that much more or less of it. Any
-# other key is of a group of levels, such as subject_side.
-LIMITS = {
-    "people": "twice the people",
-    "impacts": "twice the impacts of each person",
-    "trial": "conditions that differ in mass and velocity alone",
-    "noise": "a recorder with a tenth of the noise",
-    "chain": "a chain whose mass, velocity, gain and zero are known exactly",
-}
 
 
 def answer(content: Content) -> str:
@@ -28,7 +27,9 @@ def answer(content: Content) -> str:
     Args:
         content: of ``plan.json``.
     """
-    return worded("plan", "answer", content, _held_open(content), _gaining(content))
+    gains = _gains(content).sort_values(["gain", "words"], ascending=False)
+    gaining = gains.loc[gains["shows"] & (gains["limit"] != "people"), "words"].drop_duplicates().tolist()
+    return worded("plan", "answer", content, _held_open(content), gaining)
 
 
 def _held_open(content: Content) -> list[dict[str, str]]:
@@ -41,15 +42,15 @@ def _held_open(content: Content) -> list[dict[str, str]]:
     ]
 
 
-def _gaining(content: Content) -> list[str]:
-    """What would make more studies answer some goal, apart from chance, the most first."""
-    limits = [
-        (limit["goals"][name]["gain"], limit["words"])
+def _gains(content: Content) -> pd.DataFrame:
+    """A row a limit and goal: what is gained, the most first, and whether it ``shows`` apart from chance."""
+    rows = [
+        {"limit": key, "words": limit["words"], "goal": name, "gain": goal["gain"], "se": goal["gain_se"]}
         for key, limit in content["limits"].items()
-        for name in limit["goals"]
-        if key != "people" and limit["goals"][name]["gain"] > SETTINGS.shows * limit["goals"][name]["gain_se"]
+        for name, goal in limit["goals"].items()
     ]
-    return list(dict.fromkeys(words for _, words in sorted(limits, reverse=True)))
+    table = pd.DataFrame(rows).sort_values("gain", ascending=False, kind="stable")
+    return table.assign(shows=table["gain"] > SETTINGS.shows * table["se"])
 
 
 def paragraph(content: Content) -> str:
@@ -83,37 +84,21 @@ def in_own_words(content: Content) -> dict[str, Any]:
 
 def limit_words(key: str) -> str:
     """What is changed to see whether it limits the answer."""
-    return LIMITS.get(key, f"no differences of {key.replace('_', ' ')}")
+    return SENTENCES["plan_limits"].get(key, f"no differences of {key.replace('_', ' ')}")
 
 
 def what_limits(content: Content) -> list[str]:
     """Of each goal, what would make more studies answer and what would not, in a sentence."""
-    sentences = []
-    goals = list(content["designs"][content["chosen"] - 1]["goals"])
+    sentences, goals, gains = [], list(content["designs"][content["chosen"] - 1]["goals"]), _gains(content)
     for name in goals:
-        gained, others = [], []
-        by_gain = sorted(content["limits"].values(), key=lambda limit: -limit["goals"][name]["gain"])
-        for limit in by_gain:
-            goal = limit["goals"][name]
-            if goal["gain"] > SETTINGS.shows * goal["gain_se"]:
-                more = with_error(goal["gain"], goal["gain_se"])
-                gained.append(f"{limit['words']} (answers {more} more often)")
-            else:
-                others.append(limit["words"])
+        of_goal = gains[gains["goal"] == name]
+        gained = [
+            f"{limit.words} (answers {with_error(limit.gain, limit.se)} more often)"
+            for limit in of_goal[of_goal["shows"]].itertuples()
+        ]
+        others = of_goal.loc[~of_goal["shows"], "words"].tolist()
         which = f"{name.replace('_', ' ')}: " if len(goals) > 1 else ""
         parts = [f"most would be gained by {', then by '.join(gained)}"] if gained else []
         parts += [f"nothing that shows by {listed(others)}"] if others else []
         sentences.append(f"{which}{'; '.join(parts)}.")
     return [sentence[0].upper() + sentence[1:] for sentence in sentences]
-
-
-def warning(content: Content) -> str:
-    """What speaks against the numbers of a plan; empty if nothing."""
-    if content["normal_traces"]:
-        return ""
-    return Coded.stated("traces-not-normal")
-
-
-def duration(minutes: float) -> str:
-    """Minutes as people say them: "40 minutes", "9 hours"."""
-    return worded("plan", "duration", minutes)

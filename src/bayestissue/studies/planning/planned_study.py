@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from bayestissue.base.errors import InputError, Problem, collected
+from bayestissue.base.errors import InputError, Problem, collected, refuse
 from bayestissue.inference.answers.grammar import Choice, Quantity, QuestionError, parse
 from bayestissue.inference.answers.law import MOTION, Law
 from bayestissue.inference.answers.meaning import outcomes_in, searched
@@ -34,12 +34,12 @@ from bayestissue.studies.finished import read_run
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal
 from bayestissue.studies.planning.candidates import Candidate, Conditions, grid, largest_of_each
+from bayestissue.studies.planning.design_prior import DesignPrior
 from bayestissue.studies.planning.information import simulation_of
 from bayestissue.studies.planning.ledger import Case
 from bayestissue.studies.planning.plan_file import PlanSpecification
-from bayestissue.studies.planning.planned_population import DesignPrior, PlannedPopulation
-from bayestissue.studies.planning.running import begun_study, pilot_of
-from bayestissue.studies.planning.study_model import planned_model
+from bayestissue.studies.planning.running import Background, begun_study, draws_of_fit
+from bayestissue.studies.planning.study_posterior import planned_model
 from bayestissue.studies.planning.tabulated_law import planned_law
 
 # The mass that K and C of the population are at, where neither plan nor model says.
@@ -76,71 +76,67 @@ def study_of(plan: PlanSpecification, source: str) -> PlannedStudy:
         InputError: a question or a belief is about what a design can't tell, a formula asks for it, or the
             model or the pilot does not suit: all that is wrong at once.
     """
-    earlier = None if plan.after is None else begun_study(plan.after, plan.population, source)
-    designs = tuple(grid(plan.candidates, tuple(plan.recordings)))
-    if earlier is None:
-        model, model_source = resolve(plan.model, formulas=plan.formula)
-        reference = plan.reference_mass_kg or model.reference_mass_kg or REFERENCE_MASS_KG
-    else:
-        model, model_source, designs = earlier.model, earlier.run, earlier.named(designs)
-        reference = model.reference_mass_kg or REFERENCE_MASS_KG
-    problems = []
+    problems: list[Problem] = []
+    known = _background(plan, source, problems)
+    model, designs = known.model, known.named(grid(plan.candidates, tuple(plan.recordings)))
     if model.likelihood != "impact":
         where = source, None, "model", model.likelihood
         problems.append(Problem.stated("impossible-plan.likelihood", *where))
-    law = planned_law(model, plan.gravity)
-    goals, readable = _goals(plan), []
-    for goal in goals:
-        if problem := _unreadable(goal, source):
-            problems.append(problem)
-        else:
-            readable.append(goal)
-    largest = largest_of_each(designs)
-    adapted = {
-        conditions: {} if earlier else _adapted(model, design, readable, plan, reference)
-        for conditions, design in largest.items()
-    }
+    law, goals = planned_law(model, plan.gravity), _goals(plan)
+    unreadable = {goal: problem for goal in goals if (problem := _unreadable(goal, source))}
+    problems += unreadable.values()
+    readable = [goal for goal in goals if goal not in unreadable]
+    open_formulas: dict[Conditions, dict[str, str]] = {}
     judged: list[Design] = []
-    for conditions, candidate in largest.items():
-        formulas = model.formula.model_copy(update=adapted[conditions])
-        rows = earlier.all_rows(candidate) if earlier else candidate.rows()
-        named = source if plan.formula else model_source
+    for conditions, candidate in largest_of_each(designs).items():
+        open_formulas[conditions] = _open_formulas(model, candidate, readable, plan)
+        formulas = model.formula.model_copy(update=open_formulas[conditions])
+        rows = known.running.followed_by(candidate.rows())
+        named = source if plan.formula else known.source
         with collected(problems):
-            design = build_design(formulas, rows, reference_mass_kg=reference, source=named)
+            design = build_design(formulas, rows, reference_mass_kg=model.reference_mass_kg, source=named)
             judged.append(design)
             problems += _unanswerable(design, readable, model, law, source)
     problems += _unknown_beliefs(plan, judged, source)
-    prior: DesignPrior = plan.population if earlier is None else earlier.prior
-    words = {} if earlier is None else earlier.words
-    if earlier is None and plan.pilot is not None:
-        with collected(problems):
-            prior, words = _pilot(plan.pilot, plan.population, model, source)
-    if problems:
-        raise InputError({str(problem): problem for problem in problems}.values())
+    refuse({str(problem): problem for problem in problems}.values())
     simulations = {
         name: simulation_of(recording, recorder=plan.recorder, gravity=plan.gravity)
         for name, recording in plan.recordings.items()
     }
-    running = None if earlier is None else earlier.running
-    models = _models(plan, adapted, reference) if earlier is None else dict.fromkeys(adapted, model)
+    # Designs with the same formulas share a model.
+    models = {tuple(further.items()): model for further in open_formulas.values()}
+    for further in filter(None, models):
+        resolved, _ = resolve(plan.model, formulas={**plan.formula, **dict(further)})
+        models[further] = resolved.model_copy(update={"reference_mass_kg": model.reference_mass_kg})
     cases = (
-        Case(design, models[design.conditions], prior, simulations[design.recorder], running)
+        Case(
+            design,
+            models[tuple(open_formulas[design.conditions].items())],
+            known.prior,
+            simulations[design.recorder],
+            known.running,
+        )
         for design in designs
     )
-    return PlannedStudy(plan, tuple(cases), goals, words if plan.words is None else plan.words.values())
+    return PlannedStudy(plan, tuple(cases), goals, known.words if plan.words is None else plan.words.values())
 
 
-def _models(
-    plan: PlanSpecification, adapted: Mapping[Conditions, Mapping[str, str]], reference: float
-) -> dict[Conditions, ModelSpecification]:
-    """The model of each set of conditions, by the formulas that the plan leaves open; equal ones share it."""
-    models: dict[tuple[tuple[str, str], ...], ModelSpecification] = {}
-    for formulas in adapted.values():
-        resolved, _ = resolve(plan.model, formulas={**plan.formula, **formulas})
-        models.setdefault(
-            tuple(formulas.items()), resolved.model_copy(update={"reference_mass_kg": reference})
-        )
-    return {conditions: models[tuple(formulas.items())] for conditions, formulas in adapted.items()}
+def _background(plan: PlanSpecification, source: str, problems: list[Problem]) -> Background:
+    """What the plan starts from; what is wrong with a pilot goes to ``problems``."""
+    if plan.after is not None:
+        known = begun_study(plan.after, plan.population, source)
+    else:
+        known = Background(*resolve(plan.model, formulas=plan.formula), DesignPrior(plan.population))
+    if plan.after is None and plan.pilot is not None:
+        with collected(problems):
+            pilot, where = read_run(plan.pilot), (source, None, "pilot")
+            if (found := pilot.specification.element) != known.model.element:
+                raise InputError.stated("impossible-plan.pilot", *where, found, element=known.model.element)
+            prior = DesignPrior(plan.population, draws_of_fit(pilot, (*where, plan.pilot)))
+            known = replace(known, prior=prior, words=pilot.about.get("words", {}))
+    stated = plan.reference_mass_kg if plan.after is None else None
+    reference = stated or known.model.reference_mass_kg or REFERENCE_MASS_KG
+    return replace(known, model=known.model.model_copy(update={"reference_mass_kg": reference}))
 
 
 def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
@@ -160,14 +156,16 @@ def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
 _STANDARD = ("impact", "subject", "trial", "energy_J", *MOTION)
 
 
-def _adapted(
-    model: ModelSpecification,
-    design: Candidate,
-    goals: Sequence[Goal],
-    plan: PlanSpecification,
-    reference: float,
+def _open_formulas(
+    model: ModelSpecification, design: Candidate, goals: Sequence[Goal], plan: PlanSpecification
 ) -> dict[str, str]:
-    """The default formula with the factors that are asked for, less what the design can't tell."""
+    """The default formula with the factors that are asked for, less what the design can't tell.
+
+    By the responses that have no formula by plan or model.
+    """
+    missing = [q for q in RESPONSES if getattr(model.formula, q) is None]
+    if not missing:
+        return {}
     factors = [factor.name for factor in plan.candidates.factors]
     named = {
         alike(level.column, factors)
@@ -180,8 +178,8 @@ def _adapted(
         if factor.name in named:
             name = quoted([factor.name])
             wanted += f" + {name}" + (f" + (1|subject:{name})" if factor.within else "")
-    missing = [q for q in RESPONSES if getattr(model.formula, q) is None]
-    return dict.fromkeys(missing, str(resolve_formula(wanted, design.rows(), reference).terms))
+    resolved = resolve_formula(wanted, design.rows(), model.reference_mass_kg or REFERENCE_MASS_KG)
+    return dict.fromkeys(missing, str(resolved.terms))
 
 
 def _key(goal: Goal) -> str:
@@ -269,17 +267,6 @@ def _unknown_beliefs(plan: PlanSpecification, designs: Sequence[Design], source:
     for q, effects in plan.population.effects.items():
         names = {n for design in designs if q in design.responses for n in design.responses[q].names}
         yield from (unknown(f"effects.{q}", key, names) for key in effects if key not in names)
-
-
-def _pilot(
-    run: str, otherwise: PlannedPopulation, model: ModelSpecification, source: str
-) -> tuple[DesignPrior, Mapping[str, str]]:
-    """The posterior of a finished fit, which has to be of the same element, and its dataset's words."""
-    pilot = read_run(run)
-    if pilot.specification.element != model.element:
-        value, wanted = pilot.specification.element, model.element
-        raise InputError.stated("impossible-plan.pilot", source, None, "pilot", value, element=wanted)
-    return pilot_of(pilot, otherwise, (source, None, "pilot", run)), pilot.about.get("words", {})
 
 
 def _goals(plan: PlanSpecification) -> tuple[Goal, ...]:

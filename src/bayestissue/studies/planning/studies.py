@@ -21,10 +21,10 @@ from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, e
 from bayestissue.model.hierarchy.population import MASS_ERROR, shared_mass_errors
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.studies.planning.design_prior import BLOCK, Streams, Truths
 from bayestissue.studies.planning.information import Information
-from bayestissue.studies.planning.planned_population import BLOCK, Streams, Truths
 from bayestissue.studies.planning.running import Running
-from bayestissue.studies.planning.study_model import PlannedModel, planned_model
+from bayestissue.studies.planning.study_posterior import PlannedModel, planned_model
 
 _REPEAT = "_repeat"
 
@@ -53,16 +53,14 @@ class Arrangement:
     precision: Float[np.ndarray, "impact parameter parameter"]
     recorded: Float[np.ndarray, "recorded parameter"]
 
-    def with_traces(self, information: Information, running: Running | None = None) -> Arrangement:
+    def with_traces(self, information: Information, running: Running) -> Arrangement:
         """The same with what traces tell.
 
         Args:
             information: by condition.
-            running: the study that all designs go on from; its impacts are the first rows.
+            running: what all designs go on from; its impacts are the first rows.
         """
         precision = information.of_rows(self.rows)
-        if running is None:
-            return replace(self, precision=precision)
         precision[: len(running.centre)] = running.precision
         return replace(self, precision=precision, recorded=running.centre)
 

@@ -1,4 +1,8 @@
-"""Posteriors of many planned studies side by side: of the hyperparameters and effects given Gaussian sites.
+"""The analysis of planned studies: their hierarchy, and posteriors of many of them side by side.
+
+Log K and log C of each impact are measured with a known precision: what else a trace tells, such as its
+noise, is integrated out of that beforehand (`bayestissue.studies.planning.information`). All that follows is
+the hierarchy of a fit: u ~ N(X b, D^-1), with a Gaussian factor of u in the place of each trace.
 
 A study's posterior of the hyperparameters has its mode found by Newton's method, all studies in step, and is
 integrated by importance sampling from a multivariate t about it; the effects b are drawn given each point, in
@@ -7,24 +11,108 @@ closed form. Points are Sobol's, the same of all studies.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import xarray as xr
 from jax import Array
 from jaxtyping import Bool, Float
+from numpyro.distributions import biject_to
 from scipy.special import chdtri, ndtri, softmax
 from scipy.stats import qmc
 
+from bayestissue.model.hierarchy import derived
+from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.model.hierarchy.gaussian.effects import SitesByCell, effects_from_standard
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
+from bayestissue.model.hierarchy.levels import design_at
+from bayestissue.model.hierarchy.population import EffectParts, heavier, population_design, stated_mass_errors
+from bayestissue.model.hierarchy.priors import Priors
+from bayestissue.model.hierarchy.responses import RESPONSES
+from bayestissue.model.hierarchy.specification import ModelSpecification
+from bayestissue.model.hierarchy.trace_models import Hierarchy, hyperparameters_at
 from bayestissue.studies.planning.plan_settings import INTEGRATION as SETTINGS
-from bayestissue.studies.planning.study_model import PlannedModel
+
+
+@dataclass(frozen=True)
+class PlannedModel(Hierarchy):
+    """What the analysis of a planned study assumes.
+
+    Attributes:
+        locations: what the elements of b are.
+        priors: of the analysis.
+        correlated: whether the deviations of log K and log C of one impact are.
+        log_mass_sd: standard deviation of the error of the recorded log mass.
+        common_mass_sd: standard deviation of the log of a factor that all masses have in common, in the place
+            of errors of their own; None where they have those.
+    """
+
+    locations: EffectParts
+    priors: Priors
+    correlated: bool
+    log_mass_sd: float
+    common_mass_sd: float | None
+
+    def at(self, y: Float[Array, " coordinate"]) -> tuple[dict[str, Array], Float[Array, ""]]:
+        """The hyperparameters and their log prior density at unconstrained coordinates."""
+        return hyperparameters_at(self, y)
+
+    def unconstrained(self, values: Mapping[str, Any]) -> Float[np.ndarray, "study coordinate"]:
+        """Coordinates of `at`, of any number of studies."""
+        coordinates = [
+            biject_to(self.prior_of(name).support).inv(jnp.asarray(values[name]))
+            for name in self.hyperparameters
+        ]
+        return np.stack([np.asarray(coordinate) for coordinate in coordinates], axis=-1)
+
+    def draws(
+        self, design: Design, values: Mapping[str, np.ndarray], b: Float[np.ndarray, "chain draw location"]
+    ) -> xr.Dataset:
+        """Draws by the names that questions use, those of a typical person among them.
+
+        Args:
+            design: whose formulas the model has.
+            values: hyperparameters, [chain, draw].
+            b: all fixed and group effects.
+        """
+        design = replace(design, responses={q: design.responses[q] for q in RESPONSES})
+        population = dict(values) | derived.effects_by_name(self.locations, design, b)
+        draws = derived.labelled_draws(design, derived.formula_quantities(design, population))
+        draws = draws.assign_coords(chain=np.arange(b.shape[0]), draw=np.arange(b.shape[1]))
+        typical = {q: design_at(design.recorded, q, [{}]).log(draws)[..., 0] for q in RESPONSES}
+        with np.errstate(over="ignore"):
+            return draws.assign(
+                {f"{q}_typical_person": (("chain", "draw"), np.exp(log)) for q, log in typical.items()}
+            )
+
+
+def planned_model(
+    specification: ModelSpecification,
+    design: Design,
+    relative_mass_sd: float = 0.0,
+) -> tuple[PlannedModel, PopulationDesign]:
+    """The analysis of a study with this design, and its X arranged.
+
+    Args:
+        specification: the model file.
+        design: its formulas over the rows of the study.
+        relative_mass_sd: of the recorded mass.
+    """
+    priors = specification.complete_priors()
+    # The parameters of an element besides K and C are part of a trace's precision.
+    responses = {q: design.responses[q] for q in RESPONSES}
+    mass_kg = design.recorded.rows["mass_kg"].to_numpy(float)
+    own, common, masses = stated_mass_errors(
+        specification.mass_error, relative_mass_sd, design.subject, mass_kg
+    )
+    effects, columns = population_design(replace(design, responses=responses), priors, (), masses)
+    return PlannedModel(effects, priors, specification.residual_correlation, own, common), columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +183,11 @@ def posteriors(sites: PlannedSites, start: Float[np.ndarray, "study coordinate"]
     )
     log_weight, values, b, mode = jax.tree.map(np.asarray, outcome)
     weight = softmax(np.where(np.isfinite(log_weight), log_weight, -np.inf), axis=1)
-    of_mass = sign[:, -1:] * standard[:, -1]
+    # Given b it is drawn from its prior.
+    of_mass = (sites.model.common_mass_sd or 0.0) * sign[:, -1:] * standard[:, -1]
     return Posteriors(
         {name: np.repeat(array, repeats, axis=1) for name, array in values.items()},
-        sites.model.at_true_masses(b.reshape(len(start), points * repeats, -1), of_mass),
+        heavier(sites.model.locations, b.reshape(len(start), points * repeats, -1), of_mass),
         np.repeat(weight / repeats, repeats, axis=1),
         1 / (weight**2).sum(axis=1),
         mode,
@@ -146,48 +235,36 @@ def _integrated(
             return density + log_prior, values, b
 
         mode, value, root = _mode(potential, start)
-        proposal = _Proposal(root, _split(potential, mode, value, root))
-        whitened = proposal.from_standard(points)
+        whitened, log_proposal = _proposed(points, _split(potential, mode, value, root))
         of_points = mode + whitened @ root.T, sign * standard
         log_density, values, b = jax.lax.map(
             lambda point: at(*point), of_points, batch_size=SETTINGS.points_at_once
         )
-        return log_density - proposal.log_density(whitened), values, b, mode
+        return log_density - log_proposal, values, b, mode
 
     return jax.lax.map(of_study, studies, batch_size=SETTINGS.studies_at_once)
 
 
-class _Proposal(NamedTuple):
-    """A mixture of two multivariate t about the mode: one with sides as long as the density's, one wide.
+def _proposed(
+    points: Float[Array, "point coordinate"], scale: Float[Array, "side coordinate"]
+) -> tuple[Float[Array, "point coordinate"], Float[Array, " point"]]:
+    """Whitened draws of a mixture of two t about the mode, and their log density up to a constant.
 
-    The wide one bounds the weights where the density is longer than it looks from its mode.
-
-    Attributes:
-        root: of the covariance; what is whitened by it is standard.
-        scale: how much longer than a normal's the two sides are along each axis.
+    One has sides as long as the density's, of which ``scale`` says how much longer than a normal's they are
+    along each axis. Every fourth draw is of a wide one, which bounds the weights where the density is longer
+    than it looks from its mode.
     """
+    size, tails, share = points.shape[1], SETTINGS.tails, 1 / SETTINGS.wide_every
+    of_wide = jnp.arange(len(points)) % SETTINGS.wide_every == 0
+    of_sides, wide = jnp.where(points > 0, scale[0], scale[1]), jnp.full(size, SETTINGS.wide)
+    whitened = points * jnp.where(of_wide[:, None], wide, of_sides)
 
-    root: Float[Array, "coordinate coordinate"]
-    scale: Float[Array, "side coordinate"]
+    def t(scale: Array) -> Array:
+        squares = ((whitened / scale) ** 2).sum(-1)
+        return -(tails + size) / 2 * jnp.log1p(squares / tails) - jnp.log(scale).sum(-1)
 
-    def from_standard(self, points: Float[Array, "point coordinate"]) -> Float[Array, "point coordinate"]:
-        """Whitened draws; every fourth point is one of the wide t."""
-        wide = jnp.arange(len(points)) % SETTINGS.wide_every == 0
-        return points * jnp.where(wide[:, None], SETTINGS.wide, self._of_sides(points))
-
-    def _of_sides(self, points: Float[Array, "point coordinate"]) -> Float[Array, "point coordinate"]:
-        return jnp.where(points > 0, self.scale[0], self.scale[1])
-
-    def log_density(self, whitened: Float[Array, "point coordinate"]) -> Float[Array, " point"]:
-        """Up to a constant, which is the same of all points."""
-        size, tails, share = whitened.shape[1], SETTINGS.tails, 1 / SETTINGS.wide_every
-
-        def t(scale: Array) -> Array:
-            squares = ((whitened / scale) ** 2).sum(-1)
-            return -(tails + size) / 2 * jnp.log1p(squares / tails) - jnp.log(scale).sum(-1)
-
-        split, wide = t(self._of_sides(whitened)), t(jnp.full(size, SETTINGS.wide))
-        return jnp.logaddexp(jnp.log1p(-share) + split, wide + jnp.log(share))
+    # A draw is on the side of its point.
+    return whitened, jnp.logaddexp(jnp.log1p(-share) + t(of_sides), t(wide) + jnp.log(share))
 
 
 def _mode(
