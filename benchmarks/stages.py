@@ -42,7 +42,7 @@ STAGES = {
     "base.results.files": ("write_tree",),
     "base.results.tables": ("write_table",),
     "reports.pages.fit.fit_page": ("page_of", "render_page"),
-    "reports.pages.fit.study_answers": ("contrasts_table", "reliability_table", "prior_words"),
+    "reports.pages.fit.study_answers": ("contrasts_table", "reliability_table"),
     "reports.pages.page": ("drawn",),
 }
 # What a study asks of a fit: comparisons, reliability, agreement of methods, and their part of a page.
