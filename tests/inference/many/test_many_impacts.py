@@ -61,6 +61,15 @@ def test_blocks_end_to_end_are_the_whole(monkeypatch: pytest.MonkeyPatch, few: i
     assert told[-1] == (6, 6)
 
 
+def test_a_block_is_copied_when_its_turn_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of them at once would be the traces a second time."""
+    monkeypatch.setattr(trace_blocks, "BLOCK", 4)
+    impacts, done = TraceData.impacts, []
+    monkeypatch.setattr(TraceData, "impacts", lambda data, rows: done.append("copied") or impacts(data, rows))
+    trace_blocks.map_impacts(lambda part: done.append("computed") or part.log_mass, data_of_sines())
+    assert done == ["copied", "computed"] * 6
+
+
 def test_draws_and_impacts_that_are_kept_are_evenly_spaced_and_no_more_than_allowed() -> None:
     assert list(kept_draws(4, 1000, 1000)) == list(range(1000))
     assert 4 * len(kept_draws(4, 1000, 1001)) == many_kept.IMPACT_DRAWS

@@ -117,16 +117,16 @@ def _settings(prepared: Prepared, tuning: Tuning | None) -> ChainSettings:
     count = len(prepared.impacts)
     if tuning is None or all_kept(count):
         return ChainSettings.of_size(count)
-    between = np.linalg.inv(_precision(prepared.model, tuning.population.location)[:2, :2])
+    between = _pair(prepared.model, tuning.population.location)
     of_traces = np.linalg.inv(np.asarray(tuning.sites.precision[0])[:, :2, :2])
     share = np.diagonal(of_traces, axis1=1, axis2=2) / np.diagonal(between)
     return ChainSettings.of_size(count, clear=bool((np.quantile(share, 0.95, axis=0) < 0.25).all()))
 
 
 @compiled_quickly
-def _precision(model: Hierarchy, y: Float[Any, " hyperparameter"]) -> Float[Array, "parameter parameter"]:
-    """Of an impact's parameters about X b."""
-    return model.covariances(hyperparameters_at(model, y)[0]).of_impact()
+def _pair(model: Hierarchy, y: Float[Any, " hyperparameter"]) -> Float[Array, "2 2"]:
+    """Covariance of an impact's log K and log C about X b."""
+    return model.covariances(hyperparameters_at(model, y)[0]).pair_matrix
 
 
 def _warm(

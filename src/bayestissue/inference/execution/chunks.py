@@ -44,23 +44,23 @@ def map_impacts(
     data = replace(data, design=None)  # type: ignore[arg-type]
     if blocks == 1 and cluster() is None:
         return jax.tree.map(np.asarray, function(data, *jax.tree.map(np.asarray, by_impact)))
-    places = np.arange(blocks * -(-count // blocks)).reshape(blocks, -1)
+    rows_of = np.minimum(np.arange(blocks * -(-count // blocks)), count - 1).reshape(blocks, -1)
     few = jax.default_backend() != "cpu" or blocks < _FEW
     jobs, scheduler = 1 if few else runtime.cores(), cluster()
     per_share = 1 if jobs == 1 and scheduler is None else _SHARE
+    shares = [rows_of[begin : begin + per_share] for begin in range(0, blocks, per_share)]
 
-    def share(begin: int) -> tuple[Callable[..., Any], list[Any]]:
-        """What a worker needs for some blocks: their impacts alone."""
-        rows_of = np.minimum(places[begin : begin + per_share], count - 1)
-        columns = [jax.tree.map(lambda leaf: np.asarray(leaf)[rows], by_impact) for rows in rows_of]  # noqa: B023
-        return function, [(data.impacts(rows), *of) for rows, of in zip(rows_of, columns, strict=True)]
+    def block(rows: np.ndarray) -> tuple[Any, ...]:
+        """What a worker needs for a block: its impacts alone."""
+        return data.impacts(rows), *jax.tree.map(lambda leaf: np.asarray(leaf)[rows], by_impact)
 
-    items = [share(begin) for begin in range(0, blocks, per_share)]
+    # In this process no block is copied before its turn comes.
+    items = ((function, [block(rows) for rows in share]) for share in shares)
     parts_by_share: dict[int, list[Any]] = {}
     for number, parts in computed(_of_share, items, jobs=jobs, scheduler=scheduler):
         parts_by_share[number] = parts
         progress(sum(map(len, parts_by_share.values())), blocks)
-    ordered = [part for number in range(len(items)) for part in parts_by_share[number]]
+    ordered = [part for number in range(len(shares)) for part in parts_by_share[number]]
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *ordered)
 
 

@@ -7,7 +7,7 @@ its items with it, and they are computed again by others.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Executor, as_completed
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -46,13 +46,13 @@ def cluster() -> str | None:
 
 
 def computed[Item, Result](
-    function: Callable[[Item], Result], items: Sequence[Item], *, jobs: int = 1, scheduler: str | None = None
+    function: Callable[[Item], Result], items: Iterable[Item], *, jobs: int = 1, scheduler: str | None = None
 ) -> Iterator[tuple[int, Result]]:
     """``function`` of every item, each with the item's place, in whatever order they are done.
 
     Args:
         function: of one item.
-        items: what it is computed of.
+        items: what it is computed of; in this process one after the other.
         jobs: worker processes on this machine; 1 computes in this process.
         scheduler: address of a Dask scheduler that is to compute instead, such as ``tcp://host:8786``.
 
@@ -63,14 +63,14 @@ def computed[Item, Result](
     if scheduler is None and jobs == 1:
         yield from enumerate(map(function, items))
         return
-    left, deaths = set(range(len(items))), 0
+    left, deaths = dict(enumerate(items)), 0
     while left:
         with _executor(min(jobs, len(left)), scheduler) as (pool, killed):
-            futures = {pool.submit(_settled, function, items[number]): number for number in sorted(left)}
+            futures = {pool.submit(_settled, function, item): number for number, item in left.items()}
             try:
                 for future in as_completed(futures):
                     result = future.result()
-                    left.remove(futures[future])
+                    del left[futures[future]]
                     deaths = 0
                     yield futures[future], result
             except killed as death:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from functools import cache
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -55,7 +56,8 @@ def _worded(table: str, *each: Mapping[str, str], **words: str) -> dict[str, Var
     }
 
 
-def variables() -> dict[str, Variable]:
+@cache
+def variables() -> Mapping[str, Variable]:
     """Those of any fit, of elements' further parameters and of outcomes too."""
     table = _levels({suffix: level.of for suffix, level in LEVELS.items()})
     table |= _worded("variables", *({"q": q, "name": NAMES[q], "unit": UNITS[q]} for q in UNITS))
@@ -64,7 +66,7 @@ def variables() -> dict[str, Variable]:
         table[name] = Variable({"unit": one.unit, "long_name": one.meaning}, ("impact",))
     for extra in (extra for name in element_names() for extra in element(name).extra):
         table |= _worded("parameter", symbol=extra.name, unit=extra.unit, meaning=extra.meaning)
-    return table
+    return MappingProxyType(table)
 
 
 def _levels(words: Mapping[str, str]) -> dict[str, Variable]:
@@ -124,7 +126,7 @@ def design_variables(design: Design) -> dict[str, Variable]:
     table = {name: one for name, one in table.items() if name not in known}
     if len(design.subjects) == 1:
         table |= _levels({suffix: level.of_one_person or level.of for suffix, level in LEVELS.items()})
-    return table | _averaged(design, known | table)
+    return table | _averaged(design, {**known, **table})
 
 
 def _averaged(design: Design, known: Mapping[str, Variable]) -> dict[str, Variable]:
@@ -156,7 +158,7 @@ def labelled(
     Besides `variables` those ``further`` are known; any other is a scalar without unit. With ``sampled``
     false the arrays have no chain and draw; those named in ``thinned`` have some draws only, "kept_draw".
     """
-    labelled_arrays, known = {}, variables() | dict(further)
+    labelled_arrays, known = {}, {**variables(), **further}
     for name, values in arrays.items():
         leading = ("chain", "kept_draw" if name in thinned else "draw") if sampled else ()
         one = known.get(name, Variable({"unit": "1"}))

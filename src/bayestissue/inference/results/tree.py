@@ -68,7 +68,7 @@ def posterior_tree(
     if prepared.model.discrepancy:
         levels = {name: recorded.labels(name) for name in ("subject", *recorded.response("K").named_by)}
         together = comparable_draws(posterior[["K_secant"]], levels)
-        known = variables() | further
+        known = {**variables(), **further}
         posterior = posterior.assign({n: v.assign_attrs(known[n].attrs) for n, v in together.items()})
     return xr.DataTree.from_dict(
         {

@@ -188,8 +188,8 @@ def shown(
     """
     looks = declared_files()[f"{name}.csv"].looks[view]
     present = [column for column in looks if set(looks[column]["of"]) <= set(rows)]
-    declared = zip(present, declared_fields(name, present, view, **values), strict=True)
-    return table_of(rows, *(fields.get(column, field) for column, field in declared), mark=mark)
+    stated = zip(present, declared_fields(name, present, view, **values), strict=True)
+    return table_of(rows, *(fields.get(column, field) for column, field in stated), mark=mark)
 
 
 def declared_fields(name: str, columns: Iterable[str], view: str = "shown", **values: str) -> list[Field]:
