@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.base.arrays import PerDraw
 from bayestissue.inference.answers.grammar import Critical, Node, QuestionError
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, fall_height
@@ -26,7 +27,7 @@ ALONG = (DROP_HEIGHT, "velocity_m_s")
 Value = Callable[[Node, Study], xr.DataArray]
 
 
-def critical_motion(node: Critical, study: Study, value: Value) -> Float[np.ndarray, "chain draw"]:
+def critical_motion(node: Critical, study: Study, value: Value) -> PerDraw:
     """The greatest value of the column up to which the claim holds, [chain, draw].
 
     The claim is judged at velocities from `AnswerSettings.slowest` to `AnswerSettings.fastest` in some draws,

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from bayestissue.base.arrays import MaskPerImpact
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded
 from bayestissue.inference.answers.integration import SETTINGS
@@ -54,7 +55,7 @@ class Law:
     element: str = SIDE_BY_SIDE
     gravity: float = 0.0
     headform: bool = False
-    described: Bool[np.ndarray, " impact"] | bool = True
+    described: MaskPerImpact | bool = True
 
     @property
     def everywhere(self) -> bool:
@@ -110,11 +111,7 @@ class Law:
         return self._simulated(loop, parameters, motion, SETTINGS.loops_together)
 
     def _simulated(
-        self,
-        simulate: Callable[[Collision], dict[str, Array]],
-        parameters: Values,
-        motion: Values,
-        size: int,
+        self, simulate: Callable[[Collision], dict[str, Array]], parameters: Values, motion: Values, size: int
     ) -> dict[str, Float[np.ndarray, "*draw condition *place"]]:
         """What complete parameters, M and V come to in every draw and condition, ``size`` of them at once."""
         surroundings = {"diameter_m": motion["diameter_m"]}

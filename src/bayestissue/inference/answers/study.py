@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from bayestissue.base.arrays import MaskPerImpact, PerDraw, PerImpact
 from bayestissue.base.errors import Coded
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import MET, Law, beyond, moving
@@ -57,7 +58,7 @@ class Study:
     recorded: Recorded
     law: Law = field(default_factory=Law)
     prior: xr.Dataset | None = None
-    velocity_m_s: Float[np.ndarray, "chain draw"] | None = None
+    velocity_m_s: PerDraw | None = None
 
     @classmethod
     def from_tree(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Study:
@@ -219,11 +220,11 @@ class Study:
         return next(filter(None, of_each), [])
 
     @cached_property
-    def _reached(self) -> Float[np.ndarray, " impact"] | None:
+    def _reached(self) -> PerImpact | None:
         """The median depth of each recorded impact [m]; None of a run without any."""
         return _of_impacts(self.draws["peak_depth"]) if "peak_depth" in self.draws else None
 
-    def _recorded_at(self, condition: Condition) -> Bool[np.ndarray, " impact"]:
+    def _recorded_at(self, condition: Condition) -> MaskPerImpact:
         """The impacts that were recorded at a condition's levels, of those alone that were recorded."""
         named = {name: value for name, value in condition.items() if name in self.recorded.named}
         known = {k: v for k, v in named.items() if label_of(v) in self.recorded.levels(k)}
@@ -236,11 +237,11 @@ def simulated_step(draws: int, conditions: int) -> int:
     return max(1, min(needed, draws // SETTINGS.of_a_condition))
 
 
-def described_impacts(posterior: xr.Dataset) -> Bool[np.ndarray, " impact"] | bool:
+def described_impacts(posterior: xr.Dataset) -> MaskPerImpact | bool:
     """Beside a discrepancy the impacts in which it is `SLIGHT`; none of draws without single impacts."""
     return _of_impacts(posterior["discrepancy"]) < SLIGHT if "discrepancy" in posterior else False
 
 
-def _of_impacts(draws: xr.DataArray) -> Float[np.ndarray, " impact"]:
+def _of_impacts(draws: xr.DataArray) -> PerImpact:
     """The median of each impact."""
     return draws.median([name for name in draws.dims if name != "impact"]).to_numpy()

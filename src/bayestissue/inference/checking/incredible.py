@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import chi2, norm
 
+from bayestissue.base.arrays import IndexPerImpact, MaskPerImpact, PerImpact
+
 # Of false alarms, over everything that is looked at.
 RATE = 0.005
 # An interval that rests on nothing but a normal error holds 86 % where that error's mean is half its standard
@@ -24,8 +26,7 @@ LEAST_SHIFT = 0.5
 LEAST_SPREAD = 1.5
 ALL, IMPACT = "all", "impact"
 
-Column = Float[np.ndarray, " impact"]
-Groups = Mapping[str, Int[np.ndarray, " impact"]]
+Groups = Mapping[str, IndexPerImpact]
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Alarms:
 
     together: bool
     groups: dict[str, Bool[np.ndarray, " group"]]
-    single: Bool[np.ndarray, " impact"]
+    single: MaskPerImpact
     scatter: bool
 
     @property
@@ -51,7 +52,7 @@ class Alarms:
         return bool(self.together or grouped or self.single.any() or self.scatter)
 
 
-def alarms(z: Column, groups: Groups, rate: float = RATE) -> Alarms:
+def alarms(z: PerImpact, groups: Groups, rate: float = RATE) -> Alarms:
     """Which departures of ``z`` from independent standard normals are incredible.
 
     Args:
@@ -69,7 +70,7 @@ def alarms(z: Column, groups: Groups, rate: float = RATE) -> Alarms:
     )
 
 
-def _of_groups(z: Column, codes: Int[np.ndarray, " impact"], rate: float) -> Bool[np.ndarray, " group"]:
+def _of_groups(z: PerImpact, codes: IndexPerImpact, rate: float) -> Bool[np.ndarray, " group"]:
     size = np.bincount(codes)
     mean = np.bincount(codes, weights=z) / np.maximum(size, 1)
     # One group is all impacts, and a group of one impact that impact.
@@ -94,16 +95,12 @@ class ErrorPattern:
     """
 
     kind: str
-    impacts: Bool[np.ndarray, " impact"]
+    impacts: MaskPerImpact
     common: bool
 
 
 def pattern_of(
-    error: Column,
-    sd: Column,
-    unit: Column,
-    groups: Groups,
-    rate: float = RATE,
+    error: PerImpact, sd: PerImpact, unit: PerImpact, groups: Groups, rate: float = RATE
 ) -> ErrorPattern | None:
     """What impacts' errors have in common, if they are incredible: None if they are not.
 

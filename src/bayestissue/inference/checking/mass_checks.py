@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
 from scipy.stats import linregress
 
+from bayestissue.base.arrays import PerImpact
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import ALL_ROWS, Finding
@@ -30,10 +30,7 @@ _INTERVAL = (0.05, 0.5, 0.95)
 
 
 def judge_force(
-    force: PreparedForce,
-    posterior: xr.Dataset,
-    declared_kg: Float[np.ndarray, " impact"],
-    form: dict[str, Any],
+    force: PreparedForce, posterior: xr.Dataset, declared_kg: PerImpact, form: dict[str, Any]
 ) -> dict[str, Any]:
     """The entry ``channels`` of ``diagnostics.json``, of a fit with a force.
 
@@ -126,7 +123,7 @@ def _form_words(channel: str, form: dict[str, Any]) -> str:
     return sentence(f"force-form.{kind}", channel=channel, counted=counted + named, score=score)
 
 
-def _slope(posterior: xr.Dataset, declared_kg: Float[np.ndarray, " impact"]) -> float:
+def _slope(posterior: xr.Dataset, declared_kg: PerImpact) -> float:
     """Of the log of each impact's mass over the declared one on the log of that; 0 where it may be chance."""
     log_declared, mass = np.log(declared_kg), posterior["mass"].to_numpy()
     if len(declared_kg) < _FEWEST or np.ptp(log_declared) < _LEAST_RANGE:

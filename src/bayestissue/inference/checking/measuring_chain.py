@@ -32,6 +32,7 @@ from jax import Array
 from jaxtyping import Float
 from scipy.stats import norm
 
+from bayestissue.base.arrays import JaxPerParameter, PerImpact, PerParameter
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking import incredible
@@ -56,7 +57,6 @@ from bayestissue.model.hierarchy.trace_models import (
     with_normal_errors,
 )
 
-Column = Float[np.ndarray, " impact"]
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
 JUDGED = (AMPLITUDE, OFFSET)
@@ -92,20 +92,20 @@ class Freed:
             put back.
     """
 
-    error: Column
-    sd: Column
-    declared: Column
-    unit: Column
-    centre: Float[np.ndarray, "impact parameter"]
-    gain: Column
+    error: PerImpact
+    sd: PerImpact
+    declared: PerImpact
+    unit: PerImpact
+    centre: PerParameter
+    gain: PerImpact
 
     @property
-    def expected_sd(self) -> Column:
+    def expected_sd(self) -> PerImpact:
         """Of ``error``, where the model is right: (s^2 + t^2)^1/2."""
         return np.hypot(self.sd, self.declared)
 
     @property
-    def z(self) -> Column:
+    def z(self) -> PerImpact:
         """The standardised error, no farther from 0 than what it gains in likelihood allows.
 
         Of a normal likelihood the gain is z^2 / 2. One that has a long tail, as where an element's further
@@ -208,10 +208,7 @@ def _at_gain(
 
 
 def freed(
-    prepared: Prepared,
-    name: str,
-    expansions: GaussianFactor | None = None,
-    log_gain: Normal | None = None,
+    prepared: Prepared, name: str, expansions: GaussianFactor | None = None, log_gain: Normal | None = None
 ) -> Freed:
     """One error of the chain, its declared standard deviation taken away.
 
@@ -254,7 +251,7 @@ def freed(
     return Freed(error, spread, declared, unit, centre, gain)
 
 
-def _unit(prepared: Prepared, name: str) -> Column:
+def _unit(prepared: Prepared, name: str) -> PerImpact:
     signal = prepared.signal
     if name == AMPLITUDE:
         return signal.velocity
@@ -267,7 +264,7 @@ def _unit(prepared: Prepared, name: str) -> Column:
 @padded(1, None)
 @by_row(_DRAWS, constant=2)
 def _errors(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
+    model: TraceModel, data: TraceData, u: JaxPerParameter, key: Array
 ) -> Float[Array, "impact error"]:
     """Draws of the chain's errors given the traces, of each draw of the impacts' parameters."""
     return trace_likelihood(model, data, list(u.T)).draw_errors(key)

@@ -19,6 +19,7 @@ from jax import Array
 from jaxtyping import Float
 from scipy.stats import binom, combine_pvalues
 
+from bayestissue.base.arrays import PerImpact, PerParameter, PerSample
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import ALL_ROWS, OF_K, Finding
@@ -70,16 +71,14 @@ def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
     return judged(measured, replicated)
 
 
-def judged(
-    measured: Float[np.ndarray, "impact sample"], replicated: Float[np.ndarray, "draw impact sample"]
-) -> dict[str, Any]:
+def judged(measured: PerSample, replicated: Float[np.ndarray, "draw impact sample"]) -> dict[str, Any]:
     """`model_form` of traces and their replicates, NaN past a row's end."""
     score = pooled_score(measured, replicated)
     return stated({"score": score, "structured": bool(score > LIMIT)})
 
 
 def with_impacts(
-    form: dict[str, Any], names: Sequence[str], p: Float[np.ndarray, " impact"], *, together: bool = False
+    form: dict[str, Any], names: Sequence[str], p: PerImpact, *, together: bool = False
 ) -> dict[str, Any]:
     """What was said of the form, with what each impact's residuals say.
 
@@ -218,9 +217,7 @@ def marked_rows(form: dict[str, Any]) -> list[dict[str, Any]]:
     return [finding.record() for finding in marked]
 
 
-def pooled_score(
-    measured: Float[np.ndarray, "impact sample"], replicated: Float[np.ndarray, "draw impact sample"]
-) -> float:
+def pooled_score(measured: PerSample, replicated: Float[np.ndarray, "draw impact sample"]) -> float:
     """See `model_form`; NaN past a row's end."""
     middle = np.median(replicated, axis=0)
     used = np.isfinite(measured) & np.isfinite(middle)
@@ -264,7 +261,7 @@ def misfit_precheck(prepared: Prepared, expansions: GaussianFactor, seed: int) -
 def judged_at(
     prepared: Prepared,
     data: TraceData,
-    u: Float[np.ndarray, "impact parameter"],
+    u: PerParameter,
     key: Array,
     offset: Float[np.ndarray, "impact 1"] | float = 0.0,
 ) -> dict[str, Any]:

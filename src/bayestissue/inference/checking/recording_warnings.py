@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float
 from scipy.stats import norm
 
+from bayestissue.base.arrays import MaskPerImpact, PerImpact
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded, codes_of
 from bayestissue.base.outline import first_of
@@ -104,12 +104,8 @@ def _counted(named: list[str], of: int) -> dict[str, object]:
 
 
 def missed_peaks(
-    dataset: Dataset,
-    prepared: Prepared,
-    low: Float[np.ndarray, " impact"],
-    high: Float[np.ndarray, " impact"],
-    jerk: Float[np.ndarray, " impact"],
-) -> Bool[np.ndarray, " impact"]:
+    dataset: Dataset, prepared: Prepared, low: PerImpact, high: PerImpact, jerk: PerImpact
+) -> MaskPerImpact:
     """Where the greatest sample is farther from the interval of peak_deceleration than the recorder takes it.
 
     Of the right model it is the peak plus the noise of one of n samples, times the recorder's gain. The

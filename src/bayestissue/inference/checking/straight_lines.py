@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
+from bayestissue.base.arrays import IndexPerImpact
 from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.execution.kept import some_impacts
@@ -24,10 +25,7 @@ _MOST_LEVELS = 6
 
 
 def straight_lines(
-    design: Design,
-    posterior: xr.Dataset,
-    log_mass_sd: float = 0.0,
-    mass_group: Int[np.ndarray, " impact"] | None = None,
+    design: Design, posterior: xr.Dataset, log_mass_sd: float = 0.0, mass_group: IndexPerImpact | None = None
 ) -> dict[str, Any]:
     """The entry ``straight_lines`` of ``diagnostics.json``.
 
@@ -81,10 +79,7 @@ def straight_lines(
 
 
 def _covariance(
-    design: Design,
-    part: ResponseDesign,
-    posterior: xr.Dataset,
-    rows: np.ndarray,
+    design: Design, part: ResponseDesign, posterior: xr.Dataset, rows: np.ndarray
 ) -> Float[np.ndarray, "row row"]:
     q = part.response
     cov = float(posterior[sd_impact(part.parameter)].median()) ** 2 * np.eye(len(rows))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pandas as pd
 
+from bayestissue.base.arrays import PerImpact
 from bayestissue.base.errors import Coded, by_impact, codes_of
 from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,
@@ -23,7 +24,7 @@ from bayestissue.inference.points.notes import (
     TOO_DEEP,
     UNUSED,
 )
-from bayestissue.inference.points.point_fit import Column, fit_points
+from bayestissue.inference.points.point_fit import fit_points
 from bayestissue.mechanics.oscillator import peak_displacement
 from bayestissue.recordings.dataset.impact_table import of_phantoms
 from bayestissue.recordings.signal import Displacements
@@ -67,10 +68,10 @@ class Inspected(NamedTuple):
 
     def table(
         self,
-        oscillator: Mapping[str, Column],
+        oscillator: Mapping[str, PerImpact],
         wrong: Masks,
         noted: Masks,
-        further: Mapping[str, Column] = MappingProxyType({}),
+        further: Mapping[str, PerImpact] = MappingProxyType({}),
     ) -> pd.DataFrame:
         """The columns of `estimates.csv`.
 
@@ -162,12 +163,12 @@ def in_rows(column: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return whole
 
 
-def at_a_limit(zeta: Column) -> np.ndarray:
+def at_a_limit(zeta: PerImpact) -> np.ndarray:
     """Where one of the two forces rules alone."""
     return (zeta < ZETA_LIMITS[0]) | (zeta > ZETA_LIMITS[1])
 
 
-def another_peak(signal: Displacements, omega_n: Column, zeta: Column) -> np.ndarray:
+def another_peak(signal: Displacements, omega_n: PerImpact, zeta: PerImpact) -> np.ndarray:
     """Where a spring and damper goes another depth than was recorded, which needs all samples."""
     with np.errstate(invalid="ignore", divide="ignore"):
         implied = np.asarray(peak_displacement(omega_n, zeta, signal.velocity, signal.gravity))

@@ -21,13 +21,12 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Num
 
+from bayestissue.base.arrays import JaxPerImpact, JaxPerSample, PerImpact, PerSample
 from bayestissue.base.padding import bucket
 from bayestissue.inference.execution.compiling import FULLY, compiled_quickly, filled_up, in_parts
 from bayestissue.mechanics.oscillator import arccos_branch, from_differences, spring_damper
 from bayestissue.model.likelihood.moving_average import FILLED
 
-Column = Float[np.ndarray, " impact"]
-Values = Float[Array, " impact"]
 _GRID = 17
 _ROUNDS = 7
 # A variance below this share of the terms it is the remainder of is their rounding error.
@@ -57,25 +56,25 @@ class PointFit(NamedTuple):
         theta1_at_limit: whether theta1 is nearer to -1 or 1 than N samples can tell.
     """
 
-    phi1: Column
-    phi2: Column
-    theta1: Column
-    sigma_a: Column
-    omega_n: Column
-    zeta: Column
-    K: Column
-    C: Column
+    phi1: PerImpact
+    phi2: PerImpact
+    theta1: PerImpact
+    sigma_a: PerImpact
+    omega_n: PerImpact
+    zeta: PerImpact
+    K: PerImpact
+    C: PerImpact
     branch: Num[np.ndarray, " impact"]
     noiseless: Num[np.ndarray, " impact"]
     theta1_at_limit: Num[np.ndarray, " impact"]
 
 
 def fit_points(
-    x: Float[np.ndarray, "impact sample"],
+    x: PerSample,
     n_samples: Num[np.ndarray, " impact"],
-    dt: Column,
-    mass: Column,
-    gravity: Column | None = None,
+    dt: PerImpact,
+    mass: PerImpact,
+    gravity: PerImpact | None = None,
 ) -> PointFit:
     """Fit every impact by itself, all of them in one compiled function, by conditional least squares.
 
@@ -108,11 +107,7 @@ def fit_points(
 
 
 def _fit(
-    x: Float[Array, "impact sample"],
-    size: Values,
-    dt: Values,
-    mass: Values,
-    fall: Values,
+    x: JaxPerSample, size: JaxPerImpact, dt: JaxPerImpact, mass: JaxPerImpact, fall: JaxPerImpact
 ) -> PointFit:
     fit = _least_squares(x, size, fall)
     phi1, phi2 = 2 - fit.c1, (fit.c1 - fit.c2) - 1
@@ -150,14 +145,14 @@ class _Profile(NamedTuple):
         floor: the sum of squares that rounding alone would leave.
     """
 
-    c1: Values
-    c2: Values
-    theta1: Values
-    form: Values
-    floor: Values
+    c1: JaxPerImpact
+    c2: JaxPerImpact
+    theta1: JaxPerImpact
+    form: JaxPerImpact
+    floor: JaxPerImpact
 
 
-def _least_squares(x: Float[Array, "impact sample"], size: Values, fall: Values) -> _Profile:
+def _least_squares(x: JaxPerSample, size: JaxPerImpact, fall: JaxPerImpact) -> _Profile:
     """The least sum of squares over theta1 in [-1, 1], c1 and c2.
 
     Args:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
+from bayestissue.base.arrays import PerImpact
 from bayestissue.inference.execution.compiling import in_parts
 
 LAGS = 10
@@ -14,16 +15,12 @@ _ALIKE = 1e-11
 _SECOND = (0.55, 10.0)
 # In memory at once.
 _MOST_NUMBERS = 20_000_000
-Column = Float[np.ndarray, " impact"]
 Count = Num[np.ndarray, " impact"]
-Rows = Float[np.ndarray, "impact sample"]
 
 
 def projected_portmanteau(
-    shocks: Float[np.ndarray, "impact shock"],
-    fitted: Float[np.ndarray, "impact column shock"],
-    size: Count,
-) -> Column:
+    shocks: Float[np.ndarray, "impact shock"], fitted: Float[np.ndarray, "impact column shock"], size: Count
+) -> PerImpact:
     """p-value of the autocorrelations of white noise at ten lags, once columns are taken off it.
 
     Whatever was fitted to a trace takes its directions off the noise, which is white no longer: with M the
@@ -48,7 +45,7 @@ def projected_portmanteau(
     return np.asarray(in_parts(_projected, (shocks, fitted, size), per_part))
 
 
-def _projected(shocks: np.ndarray, fitted: np.ndarray, size: np.ndarray) -> Column:
+def _projected(shocks: np.ndarray, fitted: np.ndarray, size: np.ndarray) -> PerImpact:
     from scipy.special import fdtrc
 
     lags = range(1, min(LAGS, shocks.shape[1] - 1) + 1)

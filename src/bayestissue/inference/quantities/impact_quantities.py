@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float
 
+from bayestissue.base.arrays import JaxPerImpact, JaxPerSample
 from bayestissue.inference.quantities.whole import (
     Whole,
     at_common_depth,
@@ -36,7 +37,6 @@ from bayestissue.model.hierarchy.trace_models import (
 from bayestissue.model.likelihood.impact import MeasuredImpact
 from bayestissue.model.likelihood.record import CONTACT, DecelerationRecord
 
-Column = Float[Array, " impact"]
 # Of elements whose stiffness depends on depth, and of any with a discrepancy.
 COMMON_DEPTH = "K_common_depth"
 
@@ -62,11 +62,11 @@ class Impacts:
     model: TraceModel
     data: TraceData
     u: list[Array]
-    mass_error: Column
+    mass_error: JaxPerImpact
     chain_error: Float[Array, "impact error"]
-    velocity_error: Column | None
+    velocity_error: JaxPerImpact | None
     measured: MeasuredImpact | None = None
-    discrepancy: Float[Array, "impact sample"] | None = None
+    discrepancy: JaxPerSample | None = None
 
     @classmethod
     def drawn(
@@ -74,7 +74,7 @@ class Impacts:
         model: TraceModel,
         data: TraceData,
         u: list[Array],
-        mass_error: Column,
+        mass_error: JaxPerImpact,
         key: Array,
         recorded: Bool[Array, ""],
     ) -> Self:
@@ -120,13 +120,13 @@ class Impacts:
         return element(self.model.element)
 
     @cached_property
-    def recorded_parameters(self) -> dict[str, Column]:
+    def recorded_parameters(self) -> dict[str, JaxPerImpact]:
         """The element's parameters by name, at the recorded mass."""
         values = element_parameters(self.model, self.u)
         return {one.name: value for one, value in zip(self.element.parameters, values, strict=True)}
 
     @cached_property
-    def parameters(self) -> dict[str, Column]:
+    def parameters(self) -> dict[str, JaxPerImpact]:
         """The element's parameters by name."""
         true = {"K": jnp.exp(self.u[0] + self.mass_error), "C": jnp.exp(self.u[1] + self.mass_error)}
         masses = (one.name for one in self.element.extra if one.of_mass)
@@ -134,7 +134,7 @@ class Impacts:
         return self.recorded_parameters | true
 
     @cached_property
-    def mass(self) -> Column:
+    def mass(self) -> JaxPerImpact:
         """M [kg]."""
         return jnp.exp(self.data.log_mass + self.mass_error)
 
@@ -181,7 +181,7 @@ class Impacts:
         )
 
     @cached_property
-    def common_depth(self) -> Column | None:
+    def common_depth(self) -> JaxPerImpact | None:
         """Static force over depth at the one depth that every impact reaches [N/m]."""
         if self.side_by_side or not self.model.depends_on_depth:
             return None
@@ -192,17 +192,17 @@ class Impacts:
         return at_common_depth(self.element, arguments, record.common_depth) * heavier
 
     @cached_property
-    def noise(self) -> dict[str, Column]:
+    def noise(self) -> dict[str, JaxPerImpact]:
         """The parameters of each trace's noise by name."""
         return trace_likelihood(self.model, self.data, self.u).noise_quantities()
 
-    def omega_n(self) -> Column:
+    def omega_n(self) -> JaxPerImpact:
         """(K / M)^1/2 [rad/s], K being K_secant and M all that moves."""
         if self.side_by_side or self.collision is None or self.outcomes is None:
             return self.physical.omega_n
         return jnp.sqrt(self.outcomes.K_secant / self.collision.inertia)
 
-    def zeta(self) -> Column:
+    def zeta(self) -> JaxPerImpact:
         """C / (2 (K M)^1/2), K being K_secant, C C_equivalent and M all that moves."""
         if self.side_by_side or self.collision is None or self.outcomes is None:
             return self.physical.zeta
@@ -246,7 +246,7 @@ QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
 NAMES = (*QUANTITIES, *dict.fromkeys(one.name for name in element_names() for one in element(name).extra))
 
 
-def named_quantities(impacts: Impacts, names: Iterable[str] = QUANTITIES) -> dict[str, Column]:
+def named_quantities(impacts: Impacts, names: Iterable[str] = QUANTITIES) -> dict[str, JaxPerImpact]:
     """Those of these quantities that the impacts have."""
     values = ((name, QUANTITIES[name](impacts)) for name in names)
     return {name: value for name, value in values if value is not None}

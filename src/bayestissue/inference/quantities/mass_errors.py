@@ -11,6 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerImpact, JaxPerParameter, PerDraw
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.model.hierarchy.population import Population, force_ratio, heavier, shared_mass_errors
@@ -25,9 +26,7 @@ MASS_FACTOR = "mass_factor"
 GAIN_FACTOR = "gain_factor"
 
 
-def common_log_factor(
-    prepared: Prepared, population: Population, key: Array
-) -> Float[np.ndarray, "chain draw"] | None:
+def common_log_factor(prepared: Prepared, population: Population, key: Array) -> PerDraw | None:
     """Log of what all masses are to be multiplied by, K and C with them; None where each errs by itself.
 
     A force beside the deceleration tells it, or phantoms of known stiffness, or it is as declared.
@@ -46,8 +45,8 @@ def common_log_factor(
 def with_common_factor(
     prepared: Prepared,
     b: Float[np.ndarray, "chain draw location"],
-    log_factor: Float[np.ndarray, "chain draw"],
-    log_gain: Float[np.ndarray, "chain draw"] | None,
+    log_factor: PerDraw,
+    log_gain: PerDraw | None,
 ) -> tuple[Float[np.ndarray, "chain draw location"], dict[str, np.ndarray]]:
     """Effects at masses that are greater by a factor, and the factors by their names.
 
@@ -68,12 +67,8 @@ def declared_common_sd(prepared: Prepared) -> float | None:
 
 @by_row(DRAWS, constant=2, axes=2)
 def mass_errors(
-    model: TraceModel,
-    design: PopulationDesign,
-    population: Population,
-    u: Float[Array, "impact parameter"],
-    key: Array,
-) -> Float[Array, " impact"]:
+    model: TraceModel, design: PopulationDesign, population: Population, u: JaxPerParameter, key: Array
+) -> JaxPerImpact:
     """The error of every impact's log mass."""
     if model.locations.of_shared_masses:
         return shared_mass_errors(model.locations, design, population.b)

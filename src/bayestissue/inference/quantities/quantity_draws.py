@@ -15,6 +15,7 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
+from bayestissue.base.arrays import JaxPerImpact, JaxPerParameter
 from bayestissue.base.padding import padded_impacts, padded_rows
 from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly, padded
@@ -188,8 +189,8 @@ def drawn_impacts(
     model: TraceModel,
     data: TraceData,
     recorded: bool,
-    u: Float[Array, "impact parameter"],
-    mass_error: Float[Array, " impact"],
+    u: JaxPerParameter,
+    mass_error: JaxPerImpact,
     key: Array,
 ) -> dict[str, Float[Array, "impact ..."]]:
     """Every impact's quantities, as what was recorded has them or the priors alone; compiled for both."""
@@ -199,12 +200,8 @@ def drawn_impacts(
 @padded(1, 1, None)
 @by_row(DRAWS, constant=2)
 def recorded_outcomes(
-    model: TraceModel,
-    data: TraceData,
-    u: Float[Array, "impact parameter"],
-    mass_error: Float[Array, " impact"],
-    key: Array,
-) -> dict[str, Float[Array, " impact"]]:
+    model: TraceModel, data: TraceData, u: JaxPerParameter, mass_error: JaxPerImpact, key: Array
+) -> dict[str, JaxPerImpact]:
     """The outcomes alone, given what was recorded: compiled sooner than `drawn_impacts` is."""
     impacts = Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(True))
     return named_quantities(impacts, HEADFORM_OUTCOMES if model.headform else OUTCOMES)

@@ -19,6 +19,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.base.arrays import PerDraw
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.quantities.impact_quantities import COMMON_DEPTH
 from bayestissue.inference.quantities.quantity_draws import Draws
@@ -36,9 +37,7 @@ OF_IMPACTS = tuple(f"{name}_of_impacts" for name in _SOURCES)
 OF_PEOPLE = tuple(f"{name}_of_subject" for name in _SOURCES)
 
 
-def mass_exponents_of_secants(
-    prepared: Prepared, draws: Draws, seed: int
-) -> dict[str, Float[np.ndarray, "chain draw"]]:
+def mass_exponents_of_secants(prepared: Prepared, draws: Draws, seed: int) -> dict[str, PerDraw]:
     """Slopes on log mass, all else equal, of log K_common_depth and log K_secant.
 
     Without a discrepancy the element's law is the tissue's: in each draw the exponent of K, and added to it
@@ -141,7 +140,7 @@ def slope_over_units(
     exponent: tuple[float, float],
     log_prior_of_spread: Float[np.ndarray, " spread"],
     rng: np.random.Generator,
-) -> Float[np.ndarray, "chain draw"]:
+) -> PerDraw:
     """The slope b of y_j = a + b m_j + c x_j + e_j, e_j ~ N(0, s^2), whose y are known as draws have them.
 
     The levels' mean over the draws is N(a + b m + c x, S + s^2 1), S being the draws' covariance. With flat

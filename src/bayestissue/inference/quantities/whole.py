@@ -15,11 +15,10 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerImpact, JaxPerSample
 from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M, Element, Parameters
 from bayestissue.model.likelihood.impact import MeasuredImpact
 from bayestissue.model.likelihood.response import motion
-
-Column = Float[Array, " impact"]
 
 
 class Whole(NamedTuple):
@@ -37,23 +36,21 @@ class Whole(NamedTuple):
             spring's law f, since there v = 0 and v' = g - a.
     """
 
-    x: Float[Array, "impact sample"]
-    v: Float[Array, "impact sample"]
-    force: Float[Array, "impact sample"]
-    peak: Column
-    time: Column
-    greatest: Column
-    damping: Column
+    x: JaxPerSample
+    v: JaxPerSample
+    force: JaxPerSample
+    peak: JaxPerImpact
+    time: JaxPerImpact
+    greatest: JaxPerImpact
+    damping: JaxPerImpact
 
     @property
-    def secant(self) -> Column:
+    def secant(self) -> JaxPerImpact:
         """Force over depth at the greatest depth [N/m]."""
         return self.force[:, -1] / self.peak
 
 
-def whole_impact(
-    measured: MeasuredImpact, delta: Float[Array, "impact sample"], velocity_error: Column
-) -> Whole:
+def whole_impact(measured: MeasuredImpact, delta: JaxPerSample, velocity_error: JaxPerImpact) -> Whole:
     """The motion under a = d + delta, the element's own less delta's integrals.
 
     The greatest depth is soon after, or before, the sample whose velocity is nearest to 0, in the window or a
@@ -107,9 +104,7 @@ def whole_impact(
 
 
 def integrals(
-    delta: Float[Array, "*batch impact sample"],
-    first_time: Column,
-    step: Float[Array, "impact _"],
+    delta: Float[Array, "*batch impact sample"], first_time: JaxPerImpact, step: Float[Array, "impact _"]
 ) -> tuple[Float[Array, "*batch impact sample"], Float[Array, "*batch impact sample"]]:
     """The velocity and the displacement that delta takes off: its first and second integral from contact.
 
@@ -133,7 +128,7 @@ def static_force(element: Element, p: Parameters, depth: Array) -> Array:
     return element.force(depth, still, (still,) * element.states, p)
 
 
-def at_common_depth(element: Element, p: Parameters, depth: Column) -> Column:
+def at_common_depth(element: Element, p: Parameters, depth: JaxPerImpact) -> JaxPerImpact:
     """F(x_c, 0) / x_c of an element's own law, under a ball of the reference diameter [N/m].
 
     Args:
@@ -148,7 +143,7 @@ def _under_reference_ball(p: Parameters, like: Array) -> dict[str, Array]:
     return {**p, "diameter_m": jnp.full_like(like, REFERENCE_DIAMETER_M)}
 
 
-def whole_at_common_depth(measured: MeasuredImpact, whole: Whole, depth: Column) -> Column:
+def whole_at_common_depth(measured: MeasuredImpact, whole: Whole, depth: JaxPerImpact) -> JaxPerImpact:
     """(F - C v) / x_c when the depth first is x_c, F being element's and discrepancy's force together [N/m].
 
     C is `Whole.damping`: a record of one stroke tells a spring of unknown law from a damper by the force's

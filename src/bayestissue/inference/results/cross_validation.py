@@ -16,6 +16,7 @@ import xarray as xr
 from jaxtyping import Float
 from scipy.special import logsumexp
 
+from bayestissue.base.arrays import PerDraw
 from bayestissue.base.errors import Coded
 from bayestissue.base.results.tables import joined
 from bayestissue.inference.samplers.convergence import effective_size, elements_of
@@ -152,7 +153,7 @@ def prior_sensitivity(tree: xr.DataTree) -> pd.DataFrame:
 
 
 def _sensitivity(
-    draws: Float[np.ndarray, "quantity chain draw"], log_density: Float[np.ndarray, "chain draw"]
+    draws: Float[np.ndarray, "quantity chain draw"], log_density: PerDraw
 ) -> Float[np.ndarray, " quantity"]:
     """Sensitivity of each quantity to the part of the posterior that has this log density."""
     from arviz_stats.base import array_stats

@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerParameter, PerParameter
 from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.model.hierarchy.trace_models import (
@@ -34,9 +35,7 @@ Parts = dict[str, Float[np.ndarray, "impact parameter parameter"]]
 
 
 def trace_errors(
-    prepared: Prepared,
-    u: Float[np.ndarray, "impact parameter"],
-    ridge: Float[np.ndarray, "parameter parameter"],
+    prepared: Prepared, u: PerParameter, ridge: Float[np.ndarray, "parameter parameter"]
 ) -> Parts:
     """The parts of N.
 
@@ -57,7 +56,7 @@ def trace_errors(
 @padded(0)
 @compiled_quickly
 def _over_noise(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+    model: TraceModel, data: TraceData, u: JaxPerParameter
 ) -> tuple[Float[Array, "impact parameter shock"], Float[Array, "impact error shock"]]:
     """J and A, contact being where the traces have it."""
     if model.kind == "impact":

@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerParameter, JaxPerSample
 from bayestissue.inference.execution.compiling import by_row, padded
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.quantities.quantity_draws import Draws
@@ -34,9 +35,7 @@ def predicted(prepared: Prepared, draws: Draws, seed: int) -> dict[str, np.ndarr
     return in_chains({name: rounded(v) for name, v in replicated.items()}, u.shape[:2])
 
 
-def rounded(
-    replicates: Float[np.ndarray, "draw impact sample"],
-) -> Float[np.ndarray, "draw impact sample"]:
+def rounded(replicates: Float[np.ndarray, "draw impact sample"]) -> Float[np.ndarray, "draw impact sample"]:
     """The same in steps that are powers of two and far below the noise, which a file packs well."""
     with warnings.catch_warnings():
         # Of a trace of NaN alone.
@@ -64,8 +63,8 @@ def replicates(
 @padded(1, None)
 @by_row(PREDICTIVE_DRAWS, constant=2)
 def _replicates(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
-) -> dict[str, Float[Array, "impact sample"]]:
+    model: TraceModel, data: TraceData, u: JaxPerParameter, key: Array
+) -> dict[str, JaxPerSample]:
     """The same with as many samples as a `bayestissue.base.padding.bucket` holds."""
     replicate = trace_likelihood(model, data, list(u.T)).replicate(key)
     # Else the noise is made anew for every part of the row that is written: three times as long.

@@ -35,11 +35,7 @@ from bayestissue.recordings.dataset.impact_table import RESERVED
 
 
 def posterior_tree(
-    prepared: Prepared,
-    specification: ModelSpecification,
-    statistics: xr.Dataset,
-    draws: Draws,
-    seed: int,
+    prepared: Prepared, specification: ModelSpecification, statistics: xr.Dataset, draws: Draws, seed: int
 ) -> xr.DataTree:
     """All groups of a finished fit; see `bayestissue.inference.results.labels` for units and meanings.
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from jaxtyping import Bool
 
+from bayestissue.base.arrays import MaskPerImpact
 from bayestissue.base.errors import Coded, InputError
 from bayestissue.base.resources import shared
 from bayestissue.base.result import Say, silent
@@ -60,7 +60,6 @@ if TYPE_CHECKING:
     from bayestissue.recordings.dataset import Dataset
 
 Method = Literal["impact", "dds"]
-Told = Bool[np.ndarray, " impact"]
 # Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count;
 # of displacements rounding.
 _LEAST_NOISE = {"impact": 1e-5, "arma": 1e-9}
@@ -157,13 +156,13 @@ class _Estimated:
     posteriors: SinglePosteriors
 
     @cached_property
-    def noiseless(self) -> Told:
+    def noiseless(self) -> MaskPerImpact:
         """Whether the noise is no more than what the likelihood itself leaves out."""
         least_noise = _LEAST_NOISE[self.prepared.model.kind] * np.exp(np.asarray(self.prepared.data.log_peak))
         return self.posteriors.sigma.median < least_noise
 
     @cached_property
-    def untold(self) -> dict[str, Told]:
+    def untold(self) -> dict[str, MaskPerImpact]:
         """Where K, or C, is not told: its interval spans a decade, or nothing was found at all."""
         with np.errstate(all="ignore"):
             told = {"K": self.posteriors.K, "C": self.posteriors.C}
@@ -183,7 +182,7 @@ class _Estimated:
             values |= {"theta1": theta1, "sigma_a": sigma_a}
         return {name: np.where(self._untold(name), np.nan, column) for name, column in values.items()}
 
-    def _untold(self, name: str) -> Told:
+    def _untold(self, name: str) -> MaskPerImpact:
         """Where a number of the oscillator is not told, by its name: K or C, or what follows from both."""
         K_untold, C_untold = self.untold.values()
         return {"K": K_untold, "omega_n": K_untold, "C": C_untold}.get(name, K_untold | C_untold)
@@ -208,7 +207,7 @@ class _Estimated:
             if (outcome := posteriors.outcomes.get(name)) is not None
         }
 
-    def wrong(self, dataset: Dataset) -> dict[Coded, Told]:
+    def wrong(self, dataset: Dataset) -> dict[Coded, MaskPerImpact]:
         """What the posteriors say is wrong with each impact of these recordings."""
         posteriors, noiseless, untold = self.posteriors, self.noiseless, self.untold
         oscillator, wrong = self.oscillator, {}

@@ -16,11 +16,18 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.special import ndtr, softmax
 from scipy.stats import chi2, norm, qmc
 
+from bayestissue.base.arrays import (
+    JaxPerParameter,
+    JaxPerSample,
+    MaskPerImpact,
+    PerImpact,
+    PerParameter,
+    PerSample,
+)
 from bayestissue.base.result import Say, silent
 from bayestissue.inference.execution.chunks import BLOCK, map_impacts
 from bayestissue.inference.execution.compiling import compiled_quickly, padded
@@ -49,7 +56,6 @@ from bayestissue.model.hierarchy.trace_models import (
     with_normal_errors,
 )
 
-Column = Float[np.ndarray, " impact"]
 POINTS = 1024
 # Between two words of progress: as many as are computed at once.
 _TOLD = AT_ONCE
@@ -73,10 +79,10 @@ class Marginal(NamedTuple):
         low, high: ends of the 90 % interval that leaves out as much probability on either side.
     """
 
-    median: Column
-    sd: Column
-    low: Column
-    high: Column
+    median: PerImpact
+    sd: PerImpact
+    low: PerImpact
+    high: PerImpact
 
 
 class SinglePosteriors(NamedTuple):
@@ -107,12 +113,12 @@ class SinglePosteriors(NamedTuple):
     omega_n: Marginal
     zeta: Marginal
     sigma: Marginal
-    outcomes: dict[str, dict[str, Column]]
-    parameters: Float[np.ndarray, "impact parameter"]
-    residuals: Float[np.ndarray, "impact sample"] | None
-    noise_p: Column | None
-    moved: Bool[np.ndarray, " impact"]
-    pareto_k: Column
+    outcomes: dict[str, dict[str, PerImpact]]
+    parameters: PerParameter
+    residuals: PerSample | None
+    noise_p: PerImpact | None
+    moved: MaskPerImpact
+    pareto_k: PerImpact
 
 
 def single_posteriors(prepared: Prepared, say: Say = silent) -> SinglePosteriors:
@@ -145,12 +151,7 @@ def single_posteriors(prepared: Prepared, say: Say = silent) -> SinglePosteriors
 
 
 def _of_block(
-    model: TraceModel,
-    prior: ConditionalPrior,
-    data: TraceData,
-    start: Float[np.ndarray, "impact parameter"],
-    *,
-    say: Say,
+    model: TraceModel, prior: ConditionalPrior, data: TraceData, start: PerParameter, *, say: Say
 ) -> SinglePosteriors:
     say("each impact's most probable values", 0, 1)
     prior = ConditionalPrior(np.broadcast_to(prior.mean, start.shape), prior.precision).of_each()
@@ -188,11 +189,7 @@ def _of_block(
 
 
 def _corrected(
-    model: TraceModel,
-    data: TraceData,
-    prior: ConditionalPrior,
-    sites: GaussianFactor,
-    say: Say,
+    model: TraceModel, data: TraceData, prior: ConditionalPrior, sites: GaussianFactor, say: Say
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of each impact's posterior, their weights, which sum to 1, and Pareto k.
 
@@ -249,7 +246,7 @@ def _of_damping(
 
 
 def _skewed(
-    prior: ConditionalPrior, sites: GaussianFactor, even: _Even, log_mass: Column
+    prior: ConditionalPrior, sites: GaussianFactor, even: _Even, log_mass: PerImpact
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points of a proposal for a posterior that is skewed along log K, or log C, and their log density.
 
@@ -333,7 +330,7 @@ def _outcomes(
     u: Float[np.ndarray, "point impact parameter"],
     mass_error: Float[np.ndarray, "point impact"],
     weight: Float[np.ndarray, "point impact"],
-) -> dict[str, dict[str, Column]]:
+) -> dict[str, dict[str, PerImpact]]:
     """What the impacts came to, at points drawn by their weights and with draws of the chain's errors."""
     # In a random order: every so many of points that fill the space evenly lie in one part of it.
     order = np.random.default_rng(20).permutation(len(u))
@@ -365,9 +362,7 @@ def _marginal(
 
 @padded(0)
 @compiled_quickly
-def _residuals(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> Float[Array, "impact sample"]:
+def _residuals(model: TraceModel, data: TraceData, u: JaxPerParameter) -> JaxPerSample:
     """Residuals, of errors of the chain that are a draw given the trace."""
     key = jax.random.PRNGKey(0)
     event = impact_likelihood(model, data, list(u.T)).with_contact_found(key)
