@@ -44,11 +44,9 @@ print("check", inspect(data)["too-quiet"], codes["a peak below 1 m/s²"])
 explain(["too-quiet"], as_json=False)
 
 from types import SimpleNamespace
-from bayestissue.mechanics.elements import Outcomes
 from bayestissue.inference.quantities.impact_quantities import QUANTITIES
 from bayestissue.inference.results.labels import variables
-out = Outcomes(*(None for _ in Outcomes._fields))._replace(mass=2.0, velocity=1.5)
-momentum = QUANTITIES["momentum"](SimpleNamespace(outcomes=out))
+momentum = QUANTITIES["momentum"](SimpleNamespace(collision=SimpleNamespace(mass=2.0, velocity=1.5)))
 print("quantity", momentum, variables()["momentum"].attrs["unit"])
 
 import typer

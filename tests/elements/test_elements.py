@@ -84,7 +84,7 @@ _ALONG = [
 @pytest.mark.parametrize(("name", "gravity"), _ALONG)
 def test_even_grid_of_the_likelihood_is_the_same_path(name: str, gravity: np.ndarray | None) -> None:
     which, count = element(name), TIME.shape[1]
-    peak = np.asarray(outcomes(name, VALUES[name], MASS, VELOCITY).time_to_peak)
+    peak = np.asarray(outcomes(name, VALUES[name], MASS, VELOCITY)["time_to_peak"])
     dt, first = peak / (count - 1), peak / (count - 1) * np.array([0.0, 0.4, 1.0])
     met = Collision.of(which, VALUES[name], MASS, VELOCITY, gravity=gravity)
     y = even_grid(met, first, dt, count=count)
@@ -127,16 +127,16 @@ def test_outcomes_are_what_they_say(name: str) -> None:
     row = 1
     for gravity in (9.80665, 0.0):
         found = outcomes(name, VALUES[name], MASS, VELOCITY, gravity=gravity or None)
-        time = np.linspace(0, float(found.time_to_peak[row]), 4001)
+        time = np.linspace(0, float(found["time_to_peak"][row]), 4001)
         x, v, d, lost = solved(name, row, time, gravity)
         np.testing.assert_allclose(v[-1], 0, atol=1e-6 * VELOCITY[row])
-        np.testing.assert_allclose(found.peak_depth[row], x[-1], rtol=1e-6)
+        np.testing.assert_allclose(found["peak_depth"][row], x[-1], rtol=1e-6)
         damping = np.trapezoid(lost, time) / np.trapezoid(v**2, time)
-        np.testing.assert_allclose(found.C_equivalent[row], damping, rtol=1e-5)
+        np.testing.assert_allclose(found["C_equivalent"][row], damping, rtol=1e-5)
     force = (MASS[row] + ADDED.get(name, 0.0)) * d[-1]
-    np.testing.assert_allclose(found.K_secant[row], force / x[-1], rtol=1e-5)
-    np.testing.assert_allclose(found.K_tangent[row], tangent(name), rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(found.energy_share, found.energy_lost, rtol=1e-12)
+    np.testing.assert_allclose(found["K_secant"][row], force / x[-1], rtol=1e-5)
+    np.testing.assert_allclose(found["K_tangent"][row], tangent(name), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(found["energy_share"], found["energy_lost"], rtol=1e-12)
 
 
 def test_wrong_names_are_told() -> None:

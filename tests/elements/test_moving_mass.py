@@ -14,9 +14,9 @@ def test_momentum_is_shared_at_contact_and_energy_lost() -> None:
     found = outcomes("moving_mass", VALUES["moving_mass"] | {"C": 1e-9}, MASS, VELOCITY)
     share = MASS / (MASS + ADDED)
     # Nothing but the blow takes energy, and the tissue moves on with its part where the impactor leaves.
-    np.testing.assert_allclose(found.restitution, share, rtol=1e-7)
-    np.testing.assert_allclose(found.peak_depth, VELOCITY * share * np.sqrt((MASS + ADDED) / K), rtol=1e-7)
-    np.testing.assert_allclose(found.time_to_peak, np.pi / 2 * np.sqrt((MASS + ADDED) / K), rtol=1e-7)
+    np.testing.assert_allclose(found["restitution"], share, rtol=1e-7)
+    np.testing.assert_allclose(found["peak_depth"], VELOCITY * share * np.sqrt((MASS + ADDED) / K), rtol=1e-7)
+    np.testing.assert_allclose(found["time_to_peak"], np.pi / 2 * np.sqrt((MASS + ADDED) / K), rtol=1e-7)
 
 
 def test_a_recording_read_without_it_shows_k_and_c_too_small_by_the_share() -> None:

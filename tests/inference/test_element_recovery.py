@@ -10,6 +10,7 @@ import pytest
 
 from bayestissue.base import resources
 from bayestissue.base.errors import InputError
+from bayestissue.base.outcomes import OUTCOMES
 from bayestissue.inference.chain.draws import ChainJob
 from bayestissue.inference.checking.model_form import misfit_precheck
 from bayestissue.inference.factors.expansions import expanded
@@ -17,7 +18,6 @@ from bayestissue.inference.fit import fit_traces
 from bayestissue.inference.quantities.whole import static_force
 from bayestissue.mechanics.elements import element, element_names, outcomes
 from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M
-from bayestissue.mechanics.elements.outcomes import OUTCOMES
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.studies.simulation import Campaign
@@ -73,7 +73,7 @@ def test_fit_holds_the_truth(name: str) -> None:
     )
     # Without gravity along the motion it adds no share.
     there = [outcome for outcome in OUTCOMES if outcome != "energy_share_with_gravity"]
-    true |= {outcome: np.asarray(getattr(comes, outcome)) for outcome in there}
+    true |= {outcome: np.asarray(comes[outcome]) for outcome in there}
     for variable, values in true.items():
         low, high = posterior[variable].quantile([0.01, 0.99], ("chain", "draw")).to_numpy()
         # Of twelve 98 % intervals, dependent through the people: three misses are a thousandth's chance.

@@ -87,7 +87,7 @@ def test_between_the_grid_an_outcome_is_its_law_s() -> None:
     law = PlannedLaw("kelvin_voigt", g)
     for name in ("peak_force", "peak_depth", "time_to_peak", "energy_absorbed"):
         values = law._interpolated(name, np.stack([log_K, log_C]), (MASS, V, 0.05))
-        assert values == pytest.approx(np.asarray(getattr(true, name)), rel=4e-3), name
+        assert values == pytest.approx(np.asarray(true[name]), rel=4e-3), name
 
 
 def test_a_time_that_never_comes_is_infinite() -> None:

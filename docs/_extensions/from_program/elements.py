@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from bayestissue.base.outcomes import DECLARED
 from bayestissue.base.resources import model_content, shared
 from bayestissue.mechanics.elements import Element, element
-from bayestissue.mechanics.elements.outcomes import DECLARED
 from from_program.markdown import code, escaped, table
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.base.outcomes import HEADFORM_OUTCOMES, MEASURED
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
@@ -45,7 +46,6 @@ from bayestissue.inference.results.uncertainty_budget import measurement_sd, unc
 from bayestissue.inference.samplers.diagnostics import diagnose, more_would_help
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.element import GRAVITY
-from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, MEASURED
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import ModelSpecification, Sampler

@@ -13,6 +13,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.base.errors import Coded
+from bayestissue.base.outcomes import DECLARED, REFERENCE_OUTCOMES
 from bayestissue.base.results.tables import columns_of, joined
 from bayestissue.inference.answers.predictions import predicted
 from bayestissue.inference.answers.study import Study
@@ -28,7 +29,6 @@ from bayestissue.inference.results.cross_validation import (
 )
 from bayestissue.inference.results.meanings import UNITS, meaning
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.mechanics.elements.outcomes import DECLARED, REFERENCE_OUTCOMES
 
 type Trees = Mapping[str, xr.DataTree]
 type Models = Mapping[str, Mapping[str, Any]]

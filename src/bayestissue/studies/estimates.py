@@ -137,7 +137,7 @@ def estimate(
         standard deviations and 90 % intervals; omega_n, zeta, phi1 and phi2 are those of an oscillator of
         this K and C; ``pareto_k`` is of the importance weights. Of decelerations theta1 is that oscillator's
         too, the noise is the recorder's, in ``noise_sd_m_s2``, and what the impact came to follows, see
-        `OUTCOME_COLUMNS`, the chain's errors in its intervals; of displacements theta1 and ``sigma_a`` are
+        `INTERVAL_COLUMNS`, the chain's errors in its intervals; of displacements theta1 and ``sigma_a`` are
         posterior medians of the ARMA(2,1), which a position sensor's noise is not: intervals of C may miss.
         K, or C, is empty and flagged where its interval spans more than a factor of 10: the interval is then
         from 0 to an upper bound that holds with 95 %; and where nothing was found, which has no interval

@@ -40,7 +40,7 @@ def peak_force(study: Study, mass: float, velocity: float, *sides: str) -> np.nd
     p = parameters(study, *sides)
     flat = {q: values.ravel() for q, values in p.items()}
     force = outcomes("kelvin_voigt", flat, np.full(flat["K"].shape, mass), np.full(flat["K"].shape, velocity))
-    return np.asarray(force.peak_force).reshape(p["K"].shape)
+    return np.asarray(force["peak_force"]).reshape(p["K"].shape)
 
 
 def test_the_best_level_has_its_probability_rank_and_loss(study: Study) -> None:
@@ -112,7 +112,7 @@ def test_what_always_or_never_holds(study: Study) -> None:
     """The restitution of spring and damper is the same at every velocity."""
     p = parameters(study, "left")
     middle = float(
-        np.median(outcomes("kelvin_voigt", {q: v[:, 0] for q, v in p.items()}, 2.0, 1.0).restitution)
+        np.median(outcomes("kelvin_voigt", {q: v[:, 0] for q, v in p.items()}, 2.0, 1.0)["restitution"])
     )
     text = f"critical(velocity_m_s, restitution[side=left, mass_kg=2] > {middle:.12g})"
     row = ask(study, numbered([text])).iloc[0]

@@ -10,13 +10,13 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
+from bayestissue.base.outcomes import REFERENCE_OUTCOMES
 from bayestissue.inference.answers import contrasts as contrasts_module
 from bayestissue.inference.answers import study
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
-from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
 from bayestissue.model.hierarchy.recorded import Recorded
 from designs import REFERENCE, contrasts, impacts, normal_draws
 

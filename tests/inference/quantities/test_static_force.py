@@ -82,7 +82,7 @@ def as_discrepancy(
 ) -> tuple[MeasuredImpact, Whole]:
     """A tissue's impacts as spring and damper, with all that these lack of it as discrepancy."""
     true = outcomes(tissue, values, MASS, VELOCITY, gravity=gravity)
-    given = measured("kelvin_voigt", SIDE_BY_SIDE, np.asarray(true.time_to_peak), gravity=gravity)
+    given = measured("kelvin_voigt", SIDE_BY_SIDE, np.asarray(true["time_to_peak"]), gravity=gravity)
     own = _motion(given)
     all_of_it = impact(tissue, values, MASS, VELOCITY, given.record.time(), gravity=gravity).deceleration
     return given, whole(given, all_of_it - own.d, NONE)
@@ -93,18 +93,18 @@ def test_the_secant_is_that_of_element_and_discrepancy_together(gravity: float |
     """What spring and damper lack of a stiffening element, given as discrepancy, makes up its secant."""
     true = outcomes("stiffening", STIFF, MASS, VELOCITY, gravity=gravity)
     _, found = as_discrepancy("stiffening", STIFF, gravity)
-    np.testing.assert_allclose(found.secant, true.K_secant, rtol=OF_DISCREPANCY)
-    np.testing.assert_allclose(found.peak, true.peak_depth, rtol=OF_DISCREPANCY)
+    np.testing.assert_allclose(found.secant, true["K_secant"], rtol=OF_DISCREPANCY)
+    np.testing.assert_allclose(found.peak, true["peak_depth"], rtol=OF_DISCREPANCY)
     np.testing.assert_allclose(found.damping, STIFF["C"], rtol=OF_DAMPING)
-    assert (np.abs(SIDE_BY_SIDE["K"] / true.K_secant - 1) > 0.02).all()
+    assert (np.abs(SIDE_BY_SIDE["K"] / true["K_secant"] - 1) > 0.02).all()
 
 
 def test_a_faster_impactor_goes_deeper() -> None:
     faster = outcomes("stiffening", STIFF, MASS, VELOCITY + 0.05)
-    given = measured("stiffening", STIFF, np.asarray(faster.time_to_peak))
+    given = measured("stiffening", STIFF, np.asarray(faster["time_to_peak"]))
     found = whole(given, jnp.zeros_like(given.record.d), jnp.full(2, 0.05))
-    np.testing.assert_allclose(found.secant, faster.K_secant, rtol=TOLERANCE)
-    np.testing.assert_allclose(found.peak, faster.peak_depth, rtol=TOLERANCE)
+    np.testing.assert_allclose(found.secant, faster["K_secant"], rtol=TOLERANCE)
+    np.testing.assert_allclose(found.peak, faster["peak_depth"], rtol=TOLERANCE)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_an_element_s_stiffness_at_one_depth_is_its_simulated_force_there(name, 
     sizes: Any = {**p, "diameter_m": jnp.array([0.02, 0.05])}
     found = jax.jit(partial(at_common_depth, which))(sizes, DEPTH)
     np.testing.assert_allclose(found[0], found[1], rtol=4 * EPSILON)
-    time = np.linspace(0, np.asarray(outcomes(name, values, MASS, VELOCITY).time_to_peak), 2001).T
+    time = np.linspace(0, np.asarray(outcomes(name, values, MASS, VELOCITY)["time_to_peak"]), 2001).T
     path = impact(name, values, MASS, VELOCITY, time)
     for row, stiffness in enumerate(found):
         x = np.asarray(path.x)[row]

@@ -10,15 +10,14 @@ import pytest
 from by_grid import quantiles_by_grid
 
 import bayestissue as bt
+from bayestissue.base.outcomes import INTERVAL_COLUMNS, OUTCOMES
 from bayestissue.base.resources import shared
 from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.points.notes import MOSTLY_UNTOLD, NOISELESS, UNTOLD
 from bayestissue.inference.samplers.sampling import k_threshold
 from bayestissue.inference.single import impact_estimates as single_estimates
-from bayestissue.inference.single.impact_estimates import OUTCOME_COLUMNS
 from bayestissue.inference.single.impact_posterior import POINTS, single_posteriors
 from bayestissue.mechanics.elements import outcomes
-from bayestissue.mechanics.elements.outcomes import OUTCOMES
 from bayestissue.model.hierarchy.specification import Formulas, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.recordings.dataset import Dataset, Uncertainty
@@ -118,11 +117,11 @@ def held_outcomes(campaign: Campaign, table: pd.DataFrame) -> pd.DataFrame:
     motion = true["mass_kg"].to_numpy(), true["velocity_m_s"].to_numpy()
     parameters = {name: true[column].to_numpy() for name, column in COLUMNS.items()}
     comes = outcomes("kelvin_voigt", parameters, *motion)
-    column_of = {key: table[column].to_numpy() for column, key in OUTCOME_COLUMNS.items() if column in table}
+    column_of = {key: table[column].to_numpy() for column, key in INTERVAL_COLUMNS.items() if column in table}
     rows = {}
     # Without gravity along the motion it adds no share.
     for name in (one for one in OUTCOMES if one != "energy_share_with_gravity"):
-        truth = np.asarray(getattr(comes, name))
+        truth = np.asarray(comes[name])
         low, median, high = (column_of[name, which] for which in ("low", "median", "high"))
         assert (low <= median).all(), name
         assert (median <= high).all(), name

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from bayestissue.base.declarations import declared
 from bayestissue.base.errors import InputError, Problem, all_of, refuse
+from bayestissue.base.outcomes import DECLARED, HEADFORM_COLUMNS, INTERVAL_COLUMNS, interval_meaning
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,6 +25,13 @@ AGAIN = (
 )
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)")
 HELD = "a file that a finished run holds"
+# Columns that ``tables.toml`` has by the name of their group.
+_GROUPS = {
+    "outcomes": " ".join(HEADFORM_COLUMNS.values()),
+    "intervals of outcomes": " ".join(INTERVAL_COLUMNS),
+}
+_OF_OUTCOMES = {one.column: one.meaning for one in DECLARED.values()}
+_OF_INTERVALS = {column: interval_meaning(*which) for column, which in INTERVAL_COLUMNS.items()}
 
 
 class DeclaredColumn(NamedTuple):
@@ -57,15 +65,19 @@ def declared_files() -> dict[str, ResultFile]:
 def _file(name: str, content: dict[str, Any]) -> ResultFile:
     entry = content["files"][name]
     means = entry.get("means", {})
-    meanings = content["means"] | (content["files"][means]["means"] if isinstance(means, str) else means)
-    text, whole, may_lack = (entry.get(key, "").split() for key in ("text", "whole", "may_lack"))
-    columns = {
+    known = content["files"][means]["means"] if isinstance(means, str) else means
+    columns, text, whole, may_lack = (
+        entry.get(key, "").format_map(_GROUPS).split() for key in ("columns", "text", "whole", "may_lack")
+    )
+    of_outcomes = _OF_INTERVALS if "{intervals of outcomes}" in entry.get("columns", "") else {}
+    meanings = _OF_OUTCOMES | content["means"] | of_outcomes | known
+    declared_columns = {
         column: DeclaredColumn(
             meanings[column],
             "text" if column in text else "whole" if column in whole else "number",
             column in may_lack,
         )
-        for column in entry.get("columns", "").split()
+        for column in columns
     }
     looks = {}
     for view in ("shown", *entry.get("views", "").split()):
@@ -73,7 +85,7 @@ def _file(name: str, content: dict[str, Any]) -> ResultFile:
         if isinstance(stated, str):
             stated = {column: entry["shown"][column] for column in stated.split()}
         looks[view] = {column: {"title": column, "of": [column]} | look for column, look in stated.items()}
-    return ResultFile(tuple(entry["by"]), entry["holds"], columns, looks)
+    return ResultFile(tuple(entry["by"]), entry["holds"], declared_columns, looks)
 
 
 def columns_of(name: str) -> list[str]:

@@ -14,11 +14,12 @@ from numpy.typing import ArrayLike
 from bayestissue.base.arrays import MaskPerImpact
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded
+from bayestissue.base.outcomes import HEADFORM_OUTCOMES
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.execution.compiling import in_parts
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.element import GRAVITY, Collision
-from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, outcomes_of
+from bayestissue.mechanics.elements.outcomes import outcomes_of
 from bayestissue.mechanics.elements.whole_impact import loops_of
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
@@ -92,8 +93,7 @@ class Law:
 
         def comes(collision: Collision) -> dict[str, Array]:
             outcomes = outcomes_of(collision, headform=self.headform)
-            values = {name: getattr(outcomes, name) for name in names}
-            return {name: one for name, one in values.items() if one is not None}
+            return {name: outcomes[name] for name in names if name in outcomes}
 
         whole = self._simulated(
             comes, parameters, {**motion, "velocity_m_s": np.where(moves, velocity, 1.0)}, SETTINGS.at_once

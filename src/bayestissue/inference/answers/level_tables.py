@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.base.outcomes import REFERENCE_OUTCOMES
 from bayestissue.base.results.tables import columns_of, table_of_rows, typed
 from bayestissue.inference.answers.contrasts import LEVELS, Contrasts
 from bayestissue.inference.answers.integration import SETTINGS
@@ -27,7 +28,6 @@ from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.results.labels import unit_of
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
 from bayestissue.model.hierarchy.recorded import Condition, Recorded, label_of
 
 IN, OUT = "in", "out"

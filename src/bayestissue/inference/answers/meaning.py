@@ -23,6 +23,7 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.base.errors import Coded
+from bayestissue.base.outcomes import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.base.outline import first_of
 from bayestissue.inference.answers.critical import ALONG, critical_motion
 from bayestissue.inference.answers.grammar import (
@@ -41,7 +42,6 @@ from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, beyon
 from bayestissue.inference.answers.study import DRAWN, Study
 from bayestissue.inference.results.labels import variables
 from bayestissue.mechanics.elements.head_injury import LONGEST
-from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.model.hierarchy.levels import NEW
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
 from bayestissue.recordings.dataset.cells import alike, in_whatever_case

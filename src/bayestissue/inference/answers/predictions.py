@@ -30,6 +30,7 @@ import xarray as xr
 from jaxtyping import Bool, Float
 
 from bayestissue.base.errors import Coded, InputError, Problem, has_control_characters, path_argument
+from bayestissue.base.outcomes import HEADFORM_COLUMNS, NEVER, OUTCOME_COLUMNS
 from bayestissue.base.results.files import whole_file, write_tree
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, moving, unfit_height
@@ -38,10 +39,9 @@ from bayestissue.inference.answers.study import DRAWN, Study, simulated_step
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.inference.checking.pooled_parameters import pooled_parameters
 from bayestissue.inference.results.labels import variables
-from bayestissue.inference.results.meanings import COLUMNS, HEADFORM_COLUMNS, OUTCOME_COLUMNS
+from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.samplers.sampling import interval
 from bayestissue.mechanics.elements import element
-from bayestissue.mechanics.elements.outcomes import NEVER
 from bayestissue.model.hierarchy.levels import NEW
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
 from bayestissue.model.hierarchy.responses import RESPONSES

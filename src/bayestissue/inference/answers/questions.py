@@ -27,6 +27,7 @@ import xarray as xr
 
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded, InputError, Problem, all_of, printable
+from bayestissue.base.outcomes import OUTCOMES
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import (
@@ -62,7 +63,6 @@ from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.mechanics.elements.outcomes import OUTCOMES
 
 FEWEST = 10
 

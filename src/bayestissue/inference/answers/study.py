@@ -21,13 +21,13 @@ from jaxtyping import Float
 
 from bayestissue.base.arrays import MaskPerImpact, PerDraw, PerImpact
 from bayestissue.base.errors import Coded
+from bayestissue.base.outcomes import HEADFORM_OUTCOMES, REFERENCE_OUTCOMES
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import MET, Law, beyond, moving
 from bayestissue.inference.results.meanings import element_alone
 from bayestissue.mechanics.elements import REFERENCE_DIAMETER_M
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.elements.head_injury import HEADFORM
-from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, REFERENCE_OUTCOMES
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.formulas.formula import reference_row
 from bayestissue.model.hierarchy.levels import design_at

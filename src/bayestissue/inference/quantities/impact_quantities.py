@@ -14,8 +14,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float
+from scipy.constants import g as standard_gravity
 
 from bayestissue.base.arrays import JaxPerImpact, JaxPerSample
+from bayestissue.base.outcomes import HEADFORM_OUTCOMES, MEASURED
 from bayestissue.inference.quantities.whole import (
     Whole,
     at_common_depth,
@@ -24,7 +26,7 @@ from bayestissue.inference.quantities.whole import (
 )
 from bayestissue.mechanics.elements import Element, Outcomes, element, element_names
 from bayestissue.mechanics.elements.element import GRAVITY, Collision
-from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, MEASURED, outcomes_of
+from bayestissue.mechanics.elements.outcomes import outcomes_of
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.trace_models import (
     Physical,
@@ -173,12 +175,13 @@ class Impacts:
         if self.whole is None:
             return of_element
         heavier = jnp.exp(self.mass_error)
-        return of_element._replace(
-            K_secant=self.whole.secant * heavier,
-            peak_depth=self.whole.peak,
-            time_to_peak=self.whole.time,
-            peak_force=self.whole.greatest * heavier,
-        )
+        return of_element | {
+            "K_secant": self.whole.secant * heavier,
+            "peak_depth": self.whole.peak,
+            "time_to_peak": self.whole.time,
+            "peak_force": self.whole.greatest * heavier,
+            "peak_deceleration": self.whole.greatest * heavier / (self.mass * standard_gravity),
+        }
 
     @cached_property
     def common_depth(self) -> JaxPerImpact | None:
@@ -200,18 +203,19 @@ class Impacts:
         """(K / M)^1/2 [rad/s], K being K_secant and M all that moves."""
         if self.side_by_side or self.collision is None or self.outcomes is None:
             return self.physical.omega_n
-        return jnp.sqrt(self.outcomes.K_secant / self.collision.inertia)
+        return jnp.sqrt(self.outcomes["K_secant"] / self.collision.inertia)
 
     def zeta(self) -> JaxPerImpact:
         """C / (2 (K M)^1/2), K being K_secant, C C_equivalent and M all that moves."""
         if self.side_by_side or self.collision is None or self.outcomes is None:
             return self.physical.zeta
-        return self.outcomes.C_equivalent / (2 * jnp.sqrt(self.outcomes.K_secant * self.collision.inertia))
+        K, C = self.outcomes["K_secant"], self.outcomes["C_equivalent"]
+        return C / (2 * jnp.sqrt(K * self.collision.inertia))
 
 
 def _comparable(impacts: Impacts, name: str) -> Array | None:
     """Of spring and damper side by side alone these are K and C themselves."""
-    return None if impacts.side_by_side else getattr(impacts.outcomes, name, None)
+    return None if impacts.side_by_side or impacts.outcomes is None else impacts.outcomes[name]
 
 
 def _outcome(impacts: Impacts, name: str) -> Array | None:
@@ -220,8 +224,7 @@ def _outcome(impacts: Impacts, name: str) -> Array | None:
         return None
     if name == "energy_share_with_gravity" and GRAVITY not in impacts.data.record.surroundings:
         return None
-    value: Array | None = getattr(impacts.outcomes, name, None)
-    return value
+    return impacts.outcomes.get(name)
 
 
 # By the names of variables; None where these impacts have no such quantity.

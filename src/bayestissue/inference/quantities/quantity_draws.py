@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
 from bayestissue.base.arrays import JaxPerImpact, JaxPerParameter
+from bayestissue.base.outcomes import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.base.padding import padded_impacts, padded_rows
 from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly, padded
@@ -35,7 +36,6 @@ from bayestissue.inference.quantities.mass_errors import (
     mass_errors,
     with_common_factor,
 )
-from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.population import Population, force_ratio, shared_mass_errors
 from bayestissue.model.hierarchy.trace_data import Prepared

@@ -11,9 +11,9 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.base.declarations import declared
+from bayestissue.base.outcomes import DECLARED
 from bayestissue.inference.results.meanings import LEVELS, NAMES, UNITS
 from bayestissue.mechanics.elements import element, element_names
-from bayestissue.mechanics.elements.outcomes import DECLARED
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, common_coefficient, stem_of
 from bayestissue.model.hierarchy.responses import intercept
@@ -81,12 +81,6 @@ def _levels(words: Mapping[str, str]) -> dict[str, Variable]:
 def unit_of(name: str) -> str:
     """The unit of a variable, an outcome, or a parameter of an element."""
     return variables()[name].attrs["unit"]
-
-
-def outcome_column(name: str, which: str = "") -> str:
-    """The column of an outcome, its unit in the name: "peak_force_N", "peak_force_low_N", "restitution"."""
-    unit = DECLARED[name].unit.replace("/", "_").replace(" ", "_").replace("^", "")
-    return "_".join(part for part in (name, which, unit) if part not in ("", "1"))
 
 
 def design_variables(design: Design) -> dict[str, Variable]:

@@ -10,17 +10,13 @@ from typing import NamedTuple
 
 from bayestissue.base.declarations import declared
 from bayestissue.base.errors import Coded
-from bayestissue.mechanics.elements.outcomes import DECLARED, OUTCOMES, REFERENCE_OUTCOMES
+from bayestissue.base.outcomes import REFERENCE_OUTCOMES
 
 QUANTITIES = ("K", "C")
 NAMES = {"K": "stiffness K", "C": "damping C"}
 UNITS = {"K": "N/m", "C": "N s/m"}
 # In tables of impacts.
 COLUMNS = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
-# Of outcomes there, of a headform's too: first those that a console has room for.
-_FIRST = sorted(DECLARED, key=lambda name: DECLARED[name].first or len(DECLARED))
-HEADFORM_COLUMNS = {name: DECLARED[name].column for name in _FIRST}
-OUTCOME_COLUMNS = {name: column for name, column in HEADFORM_COLUMNS.items() if name in OUTCOMES}
 # Measures of repeatability, by the names that tables have.
 ICC, SEM, MDC = "intraclass correlation", "standard error of measurement", "minimal detectable change (95 %)"
 REPEATS = "repeats"

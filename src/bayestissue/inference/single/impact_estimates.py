@@ -12,6 +12,7 @@ import numpy as np
 
 from bayestissue.base.arrays import MaskPerImpact
 from bayestissue.base.errors import Coded, InputError
+from bayestissue.base.outcomes import DECLARED, INTERVAL_COLUMNS
 from bayestissue.base.resources import shared
 from bayestissue.base.result import Say, silent
 from bayestissue.inference.checking.findings import PEAK_MISSED
@@ -34,7 +35,6 @@ from bayestissue.inference.points.point_estimates import (
     in_rows,
     thesis_table,
 )
-from bayestissue.inference.results.labels import outcome_column
 from bayestissue.inference.samplers.sampling import k_threshold
 from bayestissue.inference.single.impact_posterior import (
     POINTS,
@@ -42,7 +42,6 @@ from bayestissue.inference.single.impact_posterior import (
     single_posteriors,
 )
 from bayestissue.mechanics.elements.head_injury import LONGEST
-from bayestissue.mechanics.elements.outcomes import DECLARED, HEADFORM_OUTCOMES, NEVER
 from bayestissue.mechanics.oscillator import spring_damper_inverse, to_discrete
 from bayestissue.model.hierarchy.combinations import unsuited
 from bayestissue.model.hierarchy.design import build_design
@@ -63,13 +62,6 @@ Method = Literal["impact", "dds"]
 # Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count;
 # of displacements rounding.
 _LEAST_NOISE = {"impact": 1e-5, "arma": 1e-9}
-# What an impact came to, and which number of its posterior; `time_to_peak_s` is the recorded one. The head
-# injury criterion is of a headform alone.
-OUTCOME_COLUMNS = {
-    outcome_column(name, "" if which == "median" and name != "time_to_peak" else which): (name, which)
-    for name in HEADFORM_OUTCOMES
-    for which in ("median", "low", "high")
-} | {f"{name}_never": (name, "never") for name in NEVER}
 # The other columns that have a number of a posterior, and which.
 _OSCILLATOR_COLUMNS = {
     f"{name}_{ending}{unit}": (name, which)
@@ -77,7 +69,7 @@ _OSCILLATOR_COLUMNS = {
     for ending, which in (("se", "sd"), ("low", "low"), ("high", "high"))
 } | {"omega_n_se_rad_s": ("omega_n", "sd"), "zeta_se": ("zeta", "sd")}
 _OF_RECORDER = ("whiteness_p", "noise_sd_m_s2")
-_FURTHER = (*_OSCILLATOR_COLUMNS, *_OF_RECORDER, "pareto_k", *OUTCOME_COLUMNS)
+_FURTHER = (*_OSCILLATOR_COLUMNS, *_OF_RECORDER, "pareto_k", *INTERVAL_COLUMNS)
 # An interval whose ends are this many times apart leaves the order of magnitude open.
 _DECADE = 10.0
 # A flag may be raised on one sound recording of a thousand, as in
@@ -203,7 +195,7 @@ class _Estimated:
         # Of what was not found, and of intervals that are none, there is no outcome either.
         return columns | {
             column: np.where(posteriors.moved if which == "median" else bounded, outcome[which], np.nan)
-            for column, (name, which) in OUTCOME_COLUMNS.items()
+            for column, (name, which) in INTERVAL_COLUMNS.items()
             if (outcome := posteriors.outcomes.get(name)) is not None
         }
 
@@ -241,7 +233,7 @@ def outcomes_in(row: pd.Series) -> pd.DataFrame:
     import pandas as pd
 
     rows: dict[str, dict[str, float | str]] = {}
-    for column, (name, which) in OUTCOME_COLUMNS.items():
+    for column, (name, which) in INTERVAL_COLUMNS.items():
         if column in row:
             one = rows.setdefault(name, {"never": 0.0, "unit": DECLARED[name].unit})
             one[which] = float(row[column])

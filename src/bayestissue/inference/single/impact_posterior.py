@@ -95,7 +95,7 @@ class SinglePosteriors(NamedTuple):
         zeta: damping ratio.
         sigma: standard deviation of the recorder's noise [m/s^2], or of a displacement's shocks [m].
         outcomes: what the impact came to, by the names of
-            `bayestissue.mechanics.elements.outcomes.HEADFORM_OUTCOMES`, of a headform all of them:
+            `bayestissue.base.outcomes.HEADFORM_OUTCOMES`, of a headform all of them:
             ``median``, ``low`` and ``high`` as of `Marginal`, and ``never``, the probability of what is
             infinite; empty of displacements.
         parameters: medians of log K, log C and the noise's parameters, K and C at the recorded mass.

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
-from scipy.constants import g as standard_gravity
 
 # The middle one of the thesis's three wooden balls.
 REFERENCE_DIAMETER_M = 0.0318
@@ -60,76 +58,8 @@ def no_rates(x: Array, v: Array, s: States, p: Parameters) -> States:
     return ()
 
 
-class Outcomes(NamedTuple):
-    """What an impact comes to, in terms that all elements share, each [impact].
-
-    Where there is no greatest penetration, or the tissue is never left, what is said of that moment is said
-    of the end instead, when the impactor has come to rest: 8 pi (M / K)^1/2 after contact, M being all that
-    moves. A Maxwell tissue yields for ever under a weight; there, x_end is that of this time.
-
-    Attributes:
-        mass: M [kg].
-        velocity: V at contact [m/s].
-        K_tangent: slope of the force that comes with penetration at contact, a damper's own force left out
-            [N/m].
-        K_secant: force over penetration where penetration is greatest and the velocity 0 [N/m].
-        C_equivalent: of the damper beside the spring that would have lost the same energy from contact to
-            peak: (M V^2 / 2 + M g x - energy stored at the peak) / integral of x'^2 [N s/m]. Where tissue
-            moves along, of the energy just after it was taken along, M V^2 / 2 times M / (M + m).
-        energy_lost: 1 - (v_end / V)^2, v_end being the velocity at which the impactor leaves: the share of
-            its kinetic energy at contact that it has not got back.
-        energy_share: work done on the tissue over that kinetic energy, 1 - (v_end^2 - 2 g x_end) / V^2, x_end
-            being the depth at which the impactor leaves: the same but along gravity, whose work to there is
-            lost too.
-        energy_share_with_gravity: the same work over all that came in, kinetic energy and the work of gravity
-            to x_end: 1 - v_end^2 / (V^2 + 2 g x_end).
-        peak_depth: greatest penetration, where the velocity is first 0 [m].
-        time_to_peak: from contact to it [s]; infinite where there is none.
-        peak_force: greatest force on the impactor [N]. Of a damper beside a spring it may be at contact. The
-            blow in which tissue is taken along comes before it.
-        contact_duration: from contact to where the force is 0 [s]; infinite where it never is.
-        rebound_velocity: -v_end, at which the impactor leaves [m/s]; 0 where it never does.
-        impulse: integral of the force over contact, M (V - v_end) + M g contact_duration [N s]; along gravity
-            infinite where the tissue is never left.
-        peak_jerk: greatest |d/dt F / M| within contact, F on the impactor [m/s^3]. The jump of a damper's
-            force at contact, whose rate is infinite, comes before it.
-        HIC15: head injury criterion over 15 ms at most, of a headform [g^2.5 s]; None of other impactors. Of
-            the velocity lost after contact: of a jump there the criterion would be infinite.
-        HIC36: over 36 ms at most, likewise.
-    """
-
-    mass: Float[Array, " impact"]
-    velocity: Float[Array, " impact"]
-    K_tangent: Float[Array, " impact"]
-    K_secant: Float[Array, " impact"]
-    C_equivalent: Float[Array, " impact"]
-    energy_lost: Float[Array, " impact"]
-    energy_share: Float[Array, " impact"]
-    energy_share_with_gravity: Float[Array, " impact"]
-    peak_depth: Float[Array, " impact"]
-    time_to_peak: Float[Array, " impact"]
-    peak_force: Float[Array, " impact"]
-    contact_duration: Float[Array, " impact"]
-    rebound_velocity: Float[Array, " impact"]
-    impulse: Float[Array, " impact"]
-    peak_jerk: Float[Array, " impact"]
-    HIC15: Float[Array, " impact"] | None = None
-    HIC36: Float[Array, " impact"] | None = None
-
-    @property
-    def peak_deceleration(self) -> Float[Array, " impact"]:
-        """The greatest force over mass, in units of standard gravity."""
-        return self.peak_force / (self.mass * standard_gravity)
-
-    @property
-    def restitution(self) -> Float[Array, " impact"]:
-        """The velocity at which the impactor leaves over that at contact."""
-        return self.rebound_velocity / self.velocity
-
-    @property
-    def energy_absorbed(self) -> Float[Array, " impact"]:
-        """Work done on the tissue from contact to leaving, `energy_share` M V^2 / 2 [J]."""
-        return self.energy_share * self.mass * self.velocity**2 / 2
+# What impacts come to, by name; see `outcomes.outcomes`.
+type Outcomes = dict[str, Float[Array, " impact"]]
 
 
 @dataclass(frozen=True)
@@ -156,8 +86,8 @@ class Element:
             impactor feels less of it, see `Collision.deceleration`.
         jumps: whether the force jumps at contact, as a damper between impactor and ground makes it. Where it
             does not, a recording does not show when contact was.
-        level_outcomes: of an impact without gravity along its motion, from the parameters, M and V, where
-            there is a closed form.
+        level_outcomes: of an impact without gravity along its motion, from the parameters, M and V: those of
+            which there is a closed form.
         guess: K and C of an impact that spring and damper side by side with (K, C) describe roughly, at
             this mass [kg].
     """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,37 +10,14 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
+from scipy.constants import g as standard_gravity
 
-from bayestissue.base.declarations import declared
+from bayestissue.base.outcomes import OUTCOMES
 from bayestissue.mechanics.elements.element import GRAVITY, Collision, Element, Outcomes, Parameters
-from bayestissue.mechanics.elements.head_injury import LONGEST, SEARCH, head_injury, pulse_of
+from bayestissue.mechanics.elements.head_injury import SEARCH, head_injury, pulse_of
 from bayestissue.mechanics.elements.library import element as named
 from bayestissue.mechanics.elements.whole_impact import LONG, Path
 
-
-class Outcome(NamedTuple):
-    """What is said of an outcome beside its number: an entry of ``outcomes.toml``."""
-
-    unit: str
-    meaning: str
-    column: str
-    shown: tuple[str, str, float]
-    formula: str
-    source: str
-    measured: bool = False
-    compared: bool = False
-    never: bool = False
-    first: int = 0
-
-
-# What a lab asks of an impact, and of a headform's.
-DECLARED = {name: Outcome(**entry) for name, entry in declared(__package__, "outcomes.toml").items()}
-HEADFORM_OUTCOMES = tuple(DECLARED)
-OUTCOMES = tuple(name for name in DECLARED if name not in LONGEST)
-MEASURED, REFERENCE_OUTCOMES, NEVER = (
-    tuple(name for name, one in DECLARED.items() if getattr(one, mark))
-    for mark in ("measured", "compared", "never")
-)
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 # Between the nodes beside the greatest force or jerk, which are 1 % of a contact apart.
 _BETWEEN = np.linspace(0.0, 1.0, 17)
@@ -57,7 +33,26 @@ def outcomes(
     gravity: ArrayLike | None = None,
     headform: bool = False,
 ) -> Outcomes:
-    """What impacts come to; arguments as of `elements.whole_impact`, and whether a headform hits.
+    """What impacts come to, by name, each [impact]; arguments as of `elements.whole_impact`.
+
+    They are those of ``base/outcomes.toml``, where their formulas stand too, of a ``headform`` its own too;
+    and what all elements share of stiffness, damping and loss:
+
+    - K_tangent: slope of the force that comes with penetration at contact, a damper's own force left out
+      [N/m];
+    - K_secant: force over penetration where penetration is greatest and the velocity 0 [N/m];
+    - C_equivalent: of the damper beside the spring that would have lost the same energy from contact to
+      peak: (M V^2 / 2 + M g x - energy stored at the peak) / integral of x'^2 [N s/m]. Where tissue moves
+      along, of the energy just after it was taken along, M V^2 / 2 times M / (M + m);
+    - energy_lost: 1 - (v_e / V)^2, v_e being the velocity at which the impactor leaves: the share of its
+      kinetic energy at contact that it has not got back.
+
+    Where there is no greatest penetration, or the tissue is never left, what is said of that moment is said
+    of the end instead, when the impactor has come to rest: 8 pi (M / K)^1/2 after contact, M being all that
+    moves. A Maxwell tissue yields for ever under a weight; there, x_e, the depth at which the impactor
+    leaves, is that of this time. What is never left has velocity 0 there. The blow in which tissue is taken
+    along comes before the greatest force; the jump of a damper's force at contact, whose rate is infinite,
+    before the greatest jerk and the head injury criteria.
 
     Raises:
         KeyError: there is no such element, or the parameters are not its own.
@@ -69,18 +64,29 @@ def outcomes(
 @partial(jax.jit, static_argnames="headform")
 def outcomes_of(collision: Collision, *, headform: bool = False) -> Outcomes:
     """`outcomes`, compiled."""
-    nodes, p, closed_form = None, collision.parameters, collision.element.level_outcomes
+    p, closed_form, path = collision.parameters, collision.element.level_outcomes, None
+    comes: Outcomes = {}
     if closed_form and GRAVITY not in p:
-        comes = closed_form(p, collision.mass, collision.velocity)
-    else:
+        comes = _with_ratios(closed_form(p, collision.mass, collision.velocity), collision)
+    if not {*OUTCOMES} <= {*comes}:
         path = Path.solved(collision)
-        comes, nodes = _of_path(path), path.nodes
+        comes = _with_ratios(_of_path(path), collision) | comes
     if not headform:
         return comes
     longest = LONG * jnp.sqrt(collision.inertia / p["K"])
-    window = jnp.minimum(SEARCH.times_to_peak * comes.time_to_peak, longest)
-    end = jnp.minimum(comes.contact_duration, window)
-    return comes._replace(**head_injury(pulse_of(collision, end, nodes)))
+    window = jnp.minimum(SEARCH.times_to_peak * comes["time_to_peak"], longest)
+    end = jnp.minimum(comes["contact_duration"], window)
+    return comes | head_injury(pulse_of(collision, end, path and path.nodes))
+
+
+def _with_ratios(comes: Outcomes, collision: Collision) -> Outcomes:
+    """With the outcomes that follow from others, mass and velocity at contact."""
+    M, V = collision.mass, collision.velocity
+    return comes | {
+        "peak_deceleration": comes["peak_force"] / (M * standard_gravity),
+        "restitution": comes["rebound_velocity"] / V,
+        "energy_absorbed": comes["energy_share"] * M * V**2 / 2,
+    }
 
 
 def _of_path(path: Path) -> Outcomes:
@@ -122,23 +128,21 @@ def _of_path(path: Path) -> Outcomes:
     fallen = jnp.where(fall == 0, 0.0, fall * path.leaves)
     begins, moves = collision.impactor_share * V, collision.inertia
     spent = moves * (begins**2 - v**2) / 2 + M * fall * x - element.stored(x, v, s, p)
-    return Outcomes(
-        mass=M,
-        velocity=V,
-        K_tangent=tangent_stiffness(element, p),
-        K_secant=element.force(x, jnp.zeros_like(v), s, p) / x,
-        C_equivalent=spent / squares,
-        energy_lost=1 - (last / V) ** 2,
-        energy_share=1 - (last**2 - 2 * fall * end) / V**2,
-        energy_share_with_gravity=1 - last**2 / (V**2 + 2 * fall * end),
-        peak_depth=x,
-        time_to_peak=path.time_to_peak,
-        peak_force=M * greatest(columns.deceleration(hardest)),
-        contact_duration=path.leaves,
-        rebound_velocity=-last,
-        impulse=M * (V - last + fallen),
-        peak_jerk=greatest(jerks(fastest)),
-    )
+    return {
+        "K_tangent": tangent_stiffness(element, p),
+        "K_secant": element.force(x, jnp.zeros_like(v), s, p) / x,
+        "C_equivalent": spent / squares,
+        "energy_lost": 1 - (last / V) ** 2,
+        "energy_share": 1 - (last**2 - 2 * fall * end) / V**2,
+        "energy_share_with_gravity": 1 - last**2 / (V**2 + 2 * fall * end),
+        "peak_depth": x,
+        "time_to_peak": path.time_to_peak,
+        "peak_force": M * greatest(columns.deceleration(hardest)),
+        "contact_duration": path.leaves,
+        "rebound_velocity": -last,
+        "impulse": M * (V - last + fallen),
+        "peak_jerk": greatest(jerks(fastest)),
+    }
 
 
 def greatest(values: Float[Array, "impact place"]) -> Float[Array, " impact"]:

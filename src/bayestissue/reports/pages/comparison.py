@@ -10,15 +10,10 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.base.errors import InputError
+from bayestissue.base.outcomes import REFERENCE_OUTCOMES
 from bayestissue.base.remedies import codes_in
 from bayestissue.base.results.tables import read_tables, table_of_rows, typed, wrong_in
-from bayestissue.inference.results.meanings import (
-    NAMES,
-    UNITS,
-    heading_words,
-    outcome_name,
-)
-from bayestissue.mechanics.elements.outcomes import REFERENCE_OUTCOMES
+from bayestissue.inference.results.meanings import NAMES, UNITS, heading_words, outcome_name
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.reports.figures.intervals import intervals, with_error_of
 from bayestissue.reports.figures.theme import Figure

@@ -12,9 +12,9 @@ from typing import Any, Self
 import pandas as pd
 
 from bayestissue.base.declarations import declared, general, sentences
+from bayestissue.base.outcomes import DECLARED, HEADFORM_COLUMNS
 from bayestissue.base.words import NOUNS, Words
-from bayestissue.inference.results.meanings import COLUMNS, HEADFORM_COLUMNS, UNITS
-from bayestissue.mechanics.elements.outcomes import DECLARED
+from bayestissue.inference.results.meanings import COLUMNS, UNITS
 
 # What is predicted of a new impact, by column: its name, the unit it is shown in, and how many per SI unit.
 # A console has room for the first of them, a page for all.

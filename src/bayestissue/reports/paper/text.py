@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.base.declarations import declared
+from bayestissue.base.outcomes import DECLARED
 from bayestissue.base.words import PLAIN, Words
 from bayestissue.inference.answers.contrasts import INTERACTION
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import findings
 from bayestissue.inference.results.meanings import TOGETHER, meaning, outcome_name
-from bayestissue.mechanics.elements.outcomes import DECLARED
 from bayestissue.reports.pages.fit import answers, study_answers
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.words import modules, sentence, sentences

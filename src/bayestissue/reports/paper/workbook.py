@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.base.outcomes import DECLARED
 from bayestissue.base.results.tables import declared_files
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.results.meanings import UNITS, symbols
 from bayestissue.inference.samplers.sampling import interval
-from bayestissue.mechanics.elements.outcomes import DECLARED
 from bayestissue.reports.paper import PRINT
 
 # A sheet of Excel has 2^20 rows, the heading among them.

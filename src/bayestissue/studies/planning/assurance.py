@@ -18,6 +18,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float
 
+from bayestissue.base.outcomes import OUTCOMES
 from bayestissue.base.result import Say, silent
 from bayestissue.base.runtime import in_threads
 from bayestissue.inference.answers.grammar import Node, parse
@@ -27,7 +28,6 @@ from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.samplers.sampling import weighted_quantiles
 from bayestissue.mechanics.elements import element
-from bayestissue.mechanics.elements.outcomes import OUTCOMES
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.recorded import Recorded
 from bayestissue.model.hierarchy.responses import RESPONSES

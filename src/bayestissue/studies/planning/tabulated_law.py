@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from bayestissue.base.outcomes import HEADFORM_OUTCOMES
 from bayestissue.inference.answers.law import MET, Law, Values
-from bayestissue.mechanics.elements.outcomes import HEADFORM_OUTCOMES
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.recordings.dataset.dataset_file import Gravity, gravity_m_s2

@@ -14,9 +14,9 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Bool, Float
 
+from bayestissue.base.outcomes import HEADFORM_COLUMNS
 from bayestissue.base.padding import bucket
 from bayestissue.base.results.tables import write_table
-from bayestissue.inference.results.meanings import HEADFORM_COLUMNS
 from bayestissue.mechanics.elements import element, impact, outcomes
 from bayestissue.mechanics.elements.element import Collision
 from bayestissue.mechanics.oscillator import impact_motion, spring_damper_inverse
@@ -298,21 +298,21 @@ def what_is_met(simulation: Simulation, truth: pd.DataFrame) -> pd.DataFrame:
     All outcomes of the impact are among it, at the true mass and velocity.
 
     omega_n and zeta are those of stiffness and damping as they compare across elements: K_secant and
-    C_equivalent of `bayestissue.mechanics.elements.Outcomes`, and of all mass that moves. Along gravity a
+    C_equivalent of `bayestissue.mechanics.elements.outcomes`, and of all mass that moves. Along gravity a
     spring and damper also has a moment of its own at which it leaves, or none.
     """
     name, gravity = simulation.tissue.element, gravity_m_s2(simulation.gravity) or None
     p, (mass, velocity) = _parameters(name, truth), truth[["mass_kg", "velocity_m_s"]].to_numpy().T
     surroundings: Any = {"diameter": _diameter(truth), "gravity": gravity, "headform": simulation.headform}
     comes = jax.device_get(outcomes(name, p, mass, velocity, **surroundings))
-    known = {column: getattr(comes, outcome) for outcome, column in HEADFORM_COLUMNS.items()}
     moves = Collision.of(element(name), p, mass, velocity).inertia
-    omega_n, zeta = map(np.asarray, spring_damper_inverse(comes.K_secant, comes.C_equivalent, moves))
-    columns = {column: value for column, value in known.items() if value is not None}
+    omega_n, zeta = map(np.asarray, spring_damper_inverse(comes["K_secant"], comes["C_equivalent"], moves))
+    columns = {column: comes[name] for name, column in HEADFORM_COLUMNS.items() if name in comes}
     if gravity or name != SIDE_BY_SIDE:
         # One that only fades is recorded for five times as long as it took to the peak.
-        fades = np.where(np.isfinite(comes.time_to_peak), 5 * comes.time_to_peak, _NEVER_RESTS_S)
-        columns["leaves_s"] = np.where(np.isfinite(comes.contact_duration), comes.contact_duration, fades)
+        peak, end = comes["time_to_peak"], comes["contact_duration"]
+        fades = np.where(np.isfinite(peak), 5 * peak, _NEVER_RESTS_S)
+        columns["leaves_s"] = np.where(np.isfinite(end), end, fades)
     of_element = [parameter.name for parameter in element(name).extra]
     sizes = {column: truth[column] for column in (*of_element, "diameter_m") if column in truth}
     truth = truth.drop(columns=list(sizes))
@@ -321,9 +321,9 @@ def what_is_met(simulation: Simulation, truth: pd.DataFrame) -> pd.DataFrame:
     if name != SIDE_BY_SIDE:
         columns |= {
             **sizes,
-            "K_secant_N_per_m": comes.K_secant,
-            "C_equivalent_N_s_per_m": comes.C_equivalent,
-            "energy_lost": comes.energy_lost,
+            "K_secant_N_per_m": comes["K_secant"],
+            "C_equivalent_N_s_per_m": comes["C_equivalent"],
+            "energy_lost": comes["energy_lost"],
         }
     return truth.assign(**columns)
 

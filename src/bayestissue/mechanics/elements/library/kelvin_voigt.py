@@ -32,23 +32,21 @@ def level_outcomes(p: Parameters, mass: Array, velocity: Array) -> Outcomes:
     omega_n, zeta = spring_damper_inverse(K, C, mass)
     rebounds = restitution(zeta)
     lost = 1 - rebounds**2
-    return Outcomes(
-        mass=mass,
-        velocity=V,
-        K_tangent=K,
-        K_secant=K,
-        C_equivalent=C,
-        energy_lost=lost,
-        energy_share=lost,
-        energy_share_with_gravity=lost,
-        peak_depth=peak_displacement(omega_n, zeta, V),
-        time_to_peak=time_to_peak(omega_n, zeta),
-        peak_force=mass * peak_deceleration(omega_n, zeta, V),
-        contact_duration=contact_duration(omega_n, zeta),
-        rebound_velocity=rebounds * V,
-        impulse=mass * V * (1 + rebounds),
-        peak_jerk=peak_jerk(omega_n, zeta, V),
-    )
+    return {
+        "K_tangent": K,
+        "K_secant": K,
+        "C_equivalent": C,
+        "energy_lost": lost,
+        "energy_share": lost,
+        "energy_share_with_gravity": lost,
+        "peak_depth": peak_displacement(omega_n, zeta, V),
+        "time_to_peak": time_to_peak(omega_n, zeta),
+        "peak_force": mass * peak_deceleration(omega_n, zeta, V),
+        "contact_duration": contact_duration(omega_n, zeta),
+        "rebound_velocity": rebounds * V,
+        "impulse": mass * V * (1 + rebounds),
+        "peak_jerk": peak_jerk(omega_n, zeta, V),
+    }
 
 
 ELEMENT = Element(

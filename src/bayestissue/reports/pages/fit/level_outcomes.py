@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayestissue.base.outcomes import DECLARED
 from bayestissue.inference.answers.law import fall_height
 from bayestissue.inference.results.meanings import UNITS, outcome_name
-from bayestissue.mechanics.elements.outcomes import DECLARED
 from bayestissue.reports.figures import force_curves as drawn
 from bayestissue.reports.figures.intervals import intervals
 from bayestissue.reports.figures.theme import Figure, number

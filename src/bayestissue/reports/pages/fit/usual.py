@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from bayestissue.base.literature import FACTOR, MEASURED, Comparable, Measurement, Range, comparable
-from bayestissue.inference.results.meanings import COLUMNS, OUTCOME_COLUMNS, outcome_name
+from bayestissue.base.outcomes import OUTCOME_COLUMNS
+from bayestissue.inference.results.meanings import COLUMNS, outcome_name
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.level_outcomes import quantity_title, scaled
 from bayestissue.reports.pages.page_tables import Field, Table, table_of
