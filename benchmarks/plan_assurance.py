@@ -177,7 +177,8 @@ def planned(case: dict[str, Any]) -> list[dict[str, Any]]:
     plan = planner([rows_of(case)], specification_of_case(case), prior, recorder, seed=5)
     goal = Goal(case["ask"], case["ask"])
     ((assessed,),) = plan.assess([goal], range(PLANNED // BLOCK), probability=PROBABILITY)
-    misleads = (assessed.yes & ~assessed.true) | (assessed.no & assessed.true)
+    true = assessed.table["true"].to_numpy()
+    misleads = (assessed.yes & ~true) | (assessed.no & true)
     shares = {"yes": assessed.yes, "no": assessed.no, "misleads": misleads}
     known = {"studies": PLANNED, "probability": PROBABILITY}
     return [{"share": name, "by_plan": x.mean(), **known} for name, x in shares.items()]

@@ -60,14 +60,14 @@ def test_the_folder_has_all_that_was_found(run: Path, certificate: Path) -> None
 
 
 def test_finished_refits_are_read_and_change_nothing(run: Path, certificate: Path, tmp_path: Path) -> None:
-    study = certifying.CertifiedFit.of_run(run)
+    job = certifying.CertificateJob.of_run(run, refits=3)
     ranks = read_table(certificate, "ranks")
     rows = ranks[ranks["refit"] <= 2]
     for number, of_refit in rows.groupby("refit"):
         by = {str(name): part["rank"].tolist() for name, part in of_refit.groupby("quantity", sort=False)}
         one = {"ranks": by, "passed": True}
         (tmp_path / f"refit-{int(number) - 1:04d}.json").write_text(json.dumps(one), encoding="utf-8")
-    made = certifying._refitted(study, 3, 0, lambda *_: None, tmp_path)
+    made = job.refitted(lambda *_: None, tmp_path)
     third = ranks[ranks["refit"] == 3]
     assert made[0]["ranks"] == {
         str(name): part["rank"].tolist()
@@ -96,7 +96,7 @@ def test_posteriors_that_are_too_narrow_are_found(run: Path, monkeypatch: pytest
 
 
 def test_drawn_impacts_scatter_as_the_model_says(run: Path) -> None:
-    study = certifying.CertifiedFit.of_run(run)
+    study = certifying.CertificateJob.of_run(run)
     job = certifying.ChainJob(study.prepared, study.fit.specification.sampler, 1)
     chains = next(certifying.chain_draws(job, study.fit.chain_end()))
     truth: Truth = truths(chains, 1)[0]

@@ -128,7 +128,7 @@ def test_two_arms_cost_effectiveness(probability: float, expected: float) -> Non
     ((assessment,),) = planner.assess([goal], range(3000 // BLOCK), probability=probability)
     assert within(float(assessment.yes.mean()), expected, 3000)
     # With however many people no more can be said than is true.
-    assert within(float(assessment.true.mean()), 0.84273, 3000)
+    assert within(float(assessment.table["true"].mean()), 0.84273, 3000)
 
 
 def power_by_grid(people: int, repeats: int, icc: float, least: float, prior: str, studies: int) -> float:

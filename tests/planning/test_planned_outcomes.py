@@ -112,4 +112,4 @@ def test_the_precision_of_a_force_is_that_of_its_posterior() -> None:
     slope = K * MASS * V2 / (2 * root * (MASS * g + root))
     for one, n in zip(assessed(planned(population=population)), (16, 48), strict=True):
         width = np.exp(slope * t.ppf(0.95, n - 1) * SPREAD / np.sqrt(n)) - 1
-        assert one.width.mean() == pytest.approx(width, rel=0.08)
+        assert one.table["width"].mean() == pytest.approx(width, rel=0.08)

@@ -153,19 +153,19 @@ def test_without_further_impacts_a_plan_says_what_the_fit_says(begun: Begun, rea
     goals.append(Goal("middle", f"mass_exponent_K > {np.median(fitted):.6g}"))
     (now, _) = ready.assess(goals, range(1))
     # All studies are the same one, each with points of its own: their scatter is what these are wrong by.
-    assert np.std(now[0].p) < 0.05
+    assert np.std(now[0].table["p"]) < 0.05
     low, high = np.quantile(fitted, [0.05, 0.95])
     # Within a tenth of a standard deviation.
-    assert now[2].p.mean() == pytest.approx(0.5, abs=0.04)
-    assert now[1].width.mean() == pytest.approx((high - low) / 2, rel=0.1)
-    assert now[0].p.mean() == pytest.approx((fitted > 0.2).mean(), abs=0.05)
+    assert now[2].table["p"].mean() == pytest.approx(0.5, abs=0.04)
+    assert now[1].table["width"].mean() == pytest.approx((high - low) / 2, rel=0.1)
+    assert now[0].table["p"].mean() == pytest.approx((fitted > 0.2).mean(), abs=0.05)
 
 
 def test_further_people_tell_more(ready: Planner) -> None:
     goals = [Goal("claim", "mass_exponent_K > 0.2"), Goal("width", "mass_exponent_K", width=0.1)]
     now, later = ready.assess(goals, range(3))
-    assert later[1].width.mean() < 0.8 * now[1].width.mean()
+    assert later[1].table["width"].mean() < 0.8 * now[1].table["width"].mean()
     assert later[0].numbers()["undecided_bits"] < now[0].numbers()["undecided_bits"]
     # What is going to be said is, on average, what is said now: probabilities are a martingale.
-    error = later[0].p.std() / np.sqrt(later[0].studies)
-    assert abs(later[0].p.mean() - now[0].p.mean()) < 3 * error + 0.02
+    error = later[0].table["p"].std() / np.sqrt(len(later[0].table))
+    assert abs(later[0].table["p"].mean() - now[0].table["p"].mean()) < 3 * error + 0.02

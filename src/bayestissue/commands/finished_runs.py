@@ -194,10 +194,10 @@ def certify(
         refits: Studies that are drawn and fitted. Twenty show gross faults, a hundred finer ones.
         dataset: The recordings that were fitted, where they are no longer where the run says.
     """
-    from bayestissue.studies.certificate.certificate import CertifiedFit, certificate_of
+    from bayestissue.studies.certificate.certificate import CertificateJob
 
-    study = CertifiedFit.of_run(run, dataset)
-    return certificate_of(study, refits, seed, call.say, parts=call.parts(study.job(refits, seed)))
+    job = CertificateJob.of_run(run, dataset, refits=refits, seed=seed)
+    return job.certificate(call.say, call.parts(job.fingerprint()))
 
 
 def _of_comparison(compared: Comparison) -> Iterator[Shown]:

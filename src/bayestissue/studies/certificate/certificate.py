@@ -34,6 +34,7 @@ from bayestissue.studies.certificate.ranks import calibration_table, ranks_of
 from bayestissue.studies.finished import Fit, read_run
 from bayestissue.studies.fitting import FitRequest, fit_job
 
+type Recordings = Dataset | str | Path | None
 # Of a refit: enough for ranks among 99 draws.
 _SAMPLER = Sampler(chains=2, draws=1000, effective=150)
 
@@ -129,41 +130,126 @@ def certify(
         raise InputError.stated(
             "option-value.refits", "arguments", None, "refits", refits, least=FEWEST_REFITS, most=MOST_REFITS
         )
-    study = CertifiedFit.of_run(run, dataset)
-    return certificate_of(study, refits, seed, say)
+    return CertificateJob.of_run(run, dataset, refits=refits, seed=seed).certificate(say)
 
 
 @dataclass(frozen=True, eq=False)
-class CertifiedFit:
-    """A finished fit with its model and its data."""
+class CertificateJob:
+    """A finished fit with its model and its data, and how often its study is drawn anew.
+
+    Attributes:
+        fit: the fit.
+        prepared: its model and its data.
+        refits: studies that are drawn and fitted.
+        seed: of all that is drawn.
+    """
 
     fit: Fit
     prepared: Prepared
+    refits: int
+    seed: int
 
     @classmethod
-    def of_run(cls, run: Fit | str | Path, dataset: Dataset | str | Path | None = None) -> CertifiedFit:
-        """A fit and its recordings, which are read again where it is not in memory.
+    def of_run(
+        cls, run: Fit | str | Path, dataset: Recordings = None, *, refits: int = REFITS, seed: int = 0
+    ) -> CertificateJob:
+        """The job of a fit, whose recordings are read again where it is not in memory.
 
         Raises:
             InputError: as of `certify`.
         """
         fit = run if isinstance(run, Fit) else read_run(run)
         if fit.prepared is not None:
-            return cls(fit, fit.prepared)
+            return cls(fit, fit.prepared, refits, seed)
         recordings, request = _recordings(fit, dataset), FitRequest(fit.specification, continue_from=fit)
         job = fit_job(recordings, request, fit.seed, skip_short=bool(fit.about.get("left_out")))
+        prepared = job.prepared
         if "score_without" in fit.about.get("discrepancy", {}):
-            return cls(fit, with_discrepancy(job.dataset, job.specification, job.prepared))
-        return cls(fit, job.prepared)
+            prepared = with_discrepancy(job.dataset, job.specification, prepared)
+        return cls(fit, prepared, refits, seed)
 
-    def job(self, refits: int, seed: int) -> str:
-        """A fingerprint of all that the refits depend on."""
+    def fingerprint(self) -> str:
+        """Of all that the refits depend on."""
         content = [self.fit.about["input_hash"], self.fit.about["model"], self.fit.seed]
-        content += [np.asarray(self.fit.chain_end().state.y).tolist(), refits, seed, runtime.versions()]
+        end = np.asarray(self.fit.chain_end().state.y).tolist()
+        content += [end, self.refits, self.seed, runtime.versions()]
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
+    def certificate(self, say: Say, parts: Path | None = None) -> Certificate:
+        """`certify` of what was read; ``parts`` is an existing folder for finished refits."""
+        start, fit = runtime.CommandStart(), self.fit
+        against = reason_against(self.prepared)
+        refits = [] if against else self.refitted(say, parts)
+        rows = [
+            (number, int(one["passed"]), name, element, rank)
+            for number, one in enumerate(refits, start=1)
+            for name, ranks in one["ranks"].items()
+            for element, rank in enumerate(ranks, start=1)
+        ]
+        calibration = calibration_table([refit["ranks"] for refit in refits])
+        sensitivity = fit.table("sensitivity")
+        failed, sound = sum(not refit["passed"] for refit in refits), bool(fit.diagnostics["passed"])
+        moved = sensitivity.loc[sensitivity["diagnosis"] != "\N{CHECK MARK}", "variable"].tolist()
+        verdict = {
+            "passed": sound and bool(calibration["passed"].all()),
+            "words": worded("certificate", "verdict", sound, calibration.to_dict("records"), failed, against),
+            "prior": worded("certificate", "priors", moved),
+        }
+        record = start.record(
+            "certify",
+            "certificate",
+            dataset=str(fit.about.get("dataset", "")),
+            run={"started": fit.about["started"], "input_hash": fit.about["input_hash"], "seed": fit.seed},
+            refits=len(refits),
+            refits_failed=failed,
+            against=against,
+            seed=self.seed,
+            words=dict(fit.about.get("words", {})),
+            verdict=verdict,
+        )
+        items = checklists(fit, text_of(fit, fit.study), verdict)
+        return Certificate(record, calibration, table_of_rows("ranks", rows), sensitivity, items)
 
-def _recordings(fit: Fit, dataset: Dataset | str | Path | None) -> Dataset:
+    def refitted(self, say: Say, parts: Path | None) -> list[dict[str, Any]]:
+        """Of each refit the ranks, and whether its chains passed; earlier ones of the job are read."""
+
+        @cache
+        def drawn() -> list[Truth]:
+            say("drawing from the posterior", 0, 1)
+            effective = max(50, 2 * self.refits)
+            sampler = self.fit.specification.sampler.model_copy(update={"effective": effective})
+            folder = parts and parts / "posterior"
+            if folder:
+                folder.mkdir(exist_ok=True)
+            job = ChainJob(self.prepared, sampler, self.seed, checkpoints=folder)
+            return truths(next(chain_draws(job, self.fit.chain_end())), self.refits)
+
+        def refit(number: int) -> dict[str, Any]:
+            path = parts and parts / f"refit-{number:04d}.json"
+            if path and path.is_file():
+                return json.loads(path.read_text(encoding="utf-8"))
+            truth = drawn()[number]
+            say("fitting the study drawn anew", number, self.refits)
+            one = self._one(truth, number)
+            if path:
+                with whole_file(path) as staging:
+                    staging.write_text(json.dumps(one), encoding="utf-8")
+            return one
+
+        return [refit(number) for number in range(self.refits)]
+
+    def _one(self, truth: Truth, number: int) -> dict[str, Any]:
+        """One refit."""
+        key = jax.random.fold_in(jax.random.PRNGKey(self.seed), number)
+        rng = np.random.default_rng([self.seed, number])
+        drawn, whole = augmented(self.prepared, truth, key, rng)
+        chains = sample(drawn, _SAMPLER, int(rng.integers(2**31)))
+        ranks = ranks_of(drawn, chains, whole, len(self.prepared.impacts))
+        passed = chains.verdict.passed
+        return {"ranks": {name: rank.tolist() for name, rank in ranks.items()}, "passed": passed}
+
+
+def _recordings(fit: Fit, dataset: Recordings) -> Dataset:
     """The recordings of a run that was read back."""
     if isinstance(dataset, Dataset):
         return dataset
@@ -171,96 +257,3 @@ def _recordings(fit: Fit, dataset: Dataset | str | Path | None) -> Dataset:
     if folder is None or not folder.is_dir():
         raise InputError.stated("another-run.gone", str(fit.folder), value=str(folder or "not stated"))
     return read_dataset(folder, skip_bad=bool(fit.about.get("left_out")))
-
-
-def certificate_of(
-    study: CertifiedFit, refits: int, seed: int, say: Say, *, parts: Path | None = None
-) -> Certificate:
-    """`certify` of what was read; ``parts`` is an existing folder for finished refits."""
-    start, fit = runtime.CommandStart(), study.fit
-    against = reason_against(study.prepared)
-    done = [] if against else _refitted(study, refits, seed, say, parts)
-    calibration = (
-        calibration_table([refit["ranks"] for refit in done]) if done else table_of_rows("calibration")
-    )
-    sensitivity = fit.table("sensitivity")
-    failed = sum(not refit["passed"] for refit in done)
-    passed, words = _verdict(fit, calibration, failed, against)
-    record = start.record(
-        "certify",
-        "certificate",
-        dataset=str(fit.about.get("dataset", "")),
-        run={"started": fit.about["started"], "input_hash": fit.about["input_hash"], "seed": fit.seed},
-        refits=len(done),
-        refits_failed=failed,
-        against=against,
-        seed=seed,
-        words=dict(fit.about.get("words", {})),
-        verdict={"passed": passed, "words": words, "prior": prior_words(sensitivity)},
-    )
-    items = checklists(fit, text_of(fit, fit.study), record["verdict"])
-    return Certificate(record, calibration, _ranks_table(done), sensitivity, items)
-
-
-def _refitted(
-    study: CertifiedFit, refits: int, seed: int, say: Say, parts: Path | None
-) -> list[dict[str, Any]]:
-    """Of each refit the ranks, and whether its chains passed; those of an earlier run of the job are read."""
-
-    @cache
-    def drawn() -> list[Truth]:
-        say("drawing from the posterior", 0, 1)
-        sampler = study.fit.specification.sampler.model_copy(update={"effective": max(50, 2 * refits)})
-        folder = parts and parts / "posterior"
-        if folder:
-            folder.mkdir(exist_ok=True)
-        job = ChainJob(study.prepared, sampler, seed, checkpoints=folder)
-        chains = next(chain_draws(job, study.fit.chain_end()))
-        return truths(chains, refits)
-
-    def refit(number: int) -> dict[str, Any]:
-        path = parts and parts / f"refit-{number:04d}.json"
-        if path and path.is_file():
-            return json.loads(path.read_text(encoding="utf-8"))
-        truth = drawn()[number]
-        say("fitting the study drawn anew", number, refits)
-        one = _one(study.prepared, truth, seed, number)
-        if path:
-            with whole_file(path) as staging:
-                staging.write_text(json.dumps(one), encoding="utf-8")
-        return one
-
-    return [refit(number) for number in range(refits)]
-
-
-def _one(prepared: Prepared, truth: Truth, seed: int, number: int) -> dict[str, Any]:
-    """One refit."""
-    key, rng = jax.random.fold_in(jax.random.PRNGKey(seed), number), np.random.default_rng([seed, number])
-    drawn, whole = augmented(prepared, truth, key, rng)
-    chains = sample(drawn, _SAMPLER, int(rng.integers(2**31)))
-    ranks = ranks_of(drawn, chains, whole, len(prepared.impacts))
-    return {"ranks": {name: rank.tolist() for name, rank in ranks.items()}, "passed": chains.verdict.passed}
-
-
-def _ranks_table(done: list[dict[str, Any]]) -> pd.DataFrame:
-    """The table ``ranks.csv``."""
-    rows = [
-        (number, int(one["passed"]), name, element, rank)
-        for number, one in enumerate(done, start=1)
-        for name, ranks in one["ranks"].items()
-        for element, rank in enumerate(ranks, start=1)
-    ]
-    return table_of_rows("ranks", rows)
-
-
-def _verdict(fit: Fit, calibration: pd.DataFrame, failed: int, against: str) -> tuple[bool, str]:
-    """Whether all is well, and a few sentences."""
-    sound = bool(fit.diagnostics["passed"])
-    words = worded("certificate", "verdict", sound, calibration.to_dict("records"), failed, against)
-    return sound and bool(calibration["passed"].all()), words
-
-
-def prior_words(sensitivity: pd.DataFrame) -> str:
-    """Which results the priors move, in a sentence."""
-    moved = sensitivity.loc[sensitivity["diagnosis"] != "\N{CHECK MARK}", "variable"].tolist()
-    return worded("certificate", "priors", moved)

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from scipy.special import bdtr, ndtr
 from scipy.stats import binom, norm, t
 
-from bayestissue.base.results.tables import columns_of
+from bayestissue.base.results.tables import columns_of, table_of_rows
 from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.inference.factors.sites import log_likelihoods
@@ -92,10 +92,13 @@ def _levels(prepared: Prepared) -> dict[str, int]:
 def calibration_table(ranks: Sequence[Mapping[str, Sequence[int]]]) -> pd.DataFrame:
     """The table ``calibration.csv``: a row a quantity, of the ranks of every refit.
 
-    ``passed`` is 0 where p is small even for the least of so many quantities (Holm 1979).
+    ``passed`` is 0 where p is small even for the least of so many quantities (Holm 1979). Without refits it
+    is empty.
     """
     from statsmodels.stats.multitest import multipletests
 
+    if not ranks:
+        return table_of_rows("calibration")
     judged = pd.DataFrame([judge(name, np.array([row[name] for row in ranks])) for name in ranks[0]])
     _, p_all, *_ = multipletests(judged["p"], method="holm")
     table = judged.assign(refits=len(ranks), p_all=p_all, passed=(p_all >= RARE).astype(int))

@@ -87,34 +87,16 @@ class Assessment:
     table: pd.DataFrame
 
     @property
-    def studies(self) -> int:
-        """How many there were."""
-        return len(self.table)
-
-    @property
-    def p(self) -> Float[np.ndarray, " study"]:
-        """Of each study, the posterior probability of the claim."""
-        return self.table["p"].to_numpy(float)
-
-    @property
-    def true(self) -> Bool[np.ndarray, " study"]:
-        """Of each study, whether the claim is true."""
-        return self.table["true"].to_numpy(bool)
-
-    @property
-    def width(self) -> Float[np.ndarray, " study"]:
-        """Of each study, half the width of the interval."""
-        return self.table["width"].to_numpy(float)
-
-    @property
     def yes(self) -> Bool[np.ndarray, " study"]:
         """Of each study, whether the claim is answered by yes, or the width reached."""
-        return self.p > self.probability if self.goal.width is None else self.width <= self.goal.width
+        if self.goal.width is None:
+            return self.table["p"].to_numpy() > self.probability
+        return self.table["width"].to_numpy() <= self.goal.width
 
     @property
     def no(self) -> Bool[np.ndarray, " study"]:
         """Of each study, whether the claim is answered by no."""
-        return self.p < 1 - self.probability
+        return self.table["p"].to_numpy() < 1 - self.probability
 
     @property
     def answered(self) -> float:
@@ -128,25 +110,26 @@ class Assessment:
         answer that is not true; ``undecided_bits``, the expected entropy of the claim after the study: the
         less, the more the study tells.
         """
-        answered, is_width = self.answered, self.goal.width is not None
+        answered, is_width, studies = self.answered, self.goal.width is not None, len(self.table)
+        p, true, width = (self.table[name].to_numpy() for name in ("p", "true", "width"))
         # Where all studies agree, the error is that of one more which does not.
-        least = 1 / (self.studies + 2)
+        least = 1 / (studies + 2)
         share = float(np.clip(answered, least, 1 - least))
-        wrong, p = (self.yes & ~self.true) | (self.no & self.true), np.clip(self.p, 1e-12, 1 - 1e-12)
+        wrong, p = (self.yes & ~true) | (self.no & true), np.clip(p, 1e-12, 1 - 1e-12)
         bits = -(p * np.log2(p) + (1 - p) * np.log2(1 - p))
         return {
-            "studies": self.studies,
+            "studies": studies,
             "answered": answered,
-            "se": float(np.sqrt(share * (1 - share) / self.studies)),
+            "se": float(np.sqrt(share * (1 - share) / studies)),
             "yes": float(self.yes.mean()),
             "no": None if is_width else float(self.no.mean()),
             "undecided": 1 - answered,
             "misleads": None if is_width else float(wrong.mean()),
-            "true": None if is_width else float(self.true.mean()),
+            "true": None if is_width else float(true.mean()),
             "undecided_bits": None if is_width else float(bits.mean()),
             # A time that may never come has no width in some studies.
-            "width": _mean(self.width) if is_width else None,
-            "width_q80": _mean(np.quantile(self.width, [0.8])) if is_width else None,
+            "width": _mean(width) if is_width else None,
+            "width_q80": _mean(np.quantile(width, [0.8])) if is_width else None,
         }
 
 

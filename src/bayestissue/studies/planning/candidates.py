@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.studies.planning.plan_file import Candidates, Cost, PlannedFactor
+from bayestissue.studies.simulation.simulation_file import crossed
 
 # Pairs of mass in kg and velocity in m/s.
 Conditions = tuple[tuple[float, float], ...]
@@ -82,13 +83,12 @@ class Candidate:
         others = (f"{self.prefix}{number + 1:03d}" for number in range(measured))
         names = {pair: "{:g} kg at {:g} m/s".format(*pair) for pair in self.conditions}
         names |= {(mass, velocity): name for mass, velocity, name in self.trials_named}
-        people = [(name,) for name in (*self.people_named, *others)][:measured]
-        levels = [[(level,) for level in factor.levels] for factor in self._crossed]
-        conditions = [(names[pair], *pair) for pair in self.conditions]
-        columns = ["subject", *_CONDITION, *(factor.name for factor in self._crossed)]
-        combined = product(people, conditions, *levels, [()] * self.repeats)
-        impacts = [[cell for part in row for cell in part] for row in combined]
-        table = pd.DataFrame(impacts, columns=columns).astype({"mass_kg": float, "velocity_m_s": float})
+        table = crossed(
+            pd.DataFrame({"subject": [*self.people_named, *others][:measured]}, dtype=str),
+            pd.DataFrame([(names[pair], *map(float, pair)) for pair in self.conditions], columns=_CONDITION),
+            *(pd.DataFrame({factor.name: factor.levels}) for factor in self._crossed),
+            repeats=self.repeats,
+        ).reset_index(drop=True)
         random = np.random.default_rng(0)
         for factor in self.factors:
             if factor.of_people:

@@ -33,6 +33,7 @@ from bayestissue.studies.simulation.simulation_file import (
     Simulation,
     Spreads,
     Tissue,
+    crossed,
 )
 
 # Of each impact a number, something at each sample or step of its motion, which samples are recorded, and the
@@ -103,10 +104,6 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
     stated = simulation.phantom.K_N_per_m + simulation.phantom.sd_N_per_m * random.standard_normal()
     known = dict(zip(REFERENCE, (stated, simulation.phantom.sd_N_per_m), strict=True))
     names = "phantom-" + spring.impacts["impact"]
-    parts = people.traces, spring.traces
-    time, value, n = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("time_s", "value", "n_samples")
-    )
     return replace(
         people,
         impacts=pd.concat(
@@ -114,7 +111,7 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
             ignore_index=True,
         ),
         truth=pd.concat([people.truth, spring.truth.assign(impact=names)], ignore_index=True),
-        traces=Traces(time, value, np.cumsum([0, *n])),
+        traces=Traces.of([*people.traces, *spring.traces]),
     )
 
 
@@ -192,25 +189,24 @@ def _settings(simulation: Simulation) -> Settings:
 
 
 def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFrame:
-    people = pd.DataFrame({"subject": [f"s{k + 1:02d}" for k in range(simulation.design.subjects)]})
-    repeats = pd.DataFrame({"repeat": np.arange(simulation.design.repeats) + 1})
-    impacts = simulation.conditions().merge(people, how="cross")
-    crossed = [factor for factor in simulation.design.factors if factor.every]
-    for factor in crossed:
-        impacts = impacts.merge(pd.DataFrame({factor.name: factor.levels}), how="cross")
-    impacts = impacts.merge(repeats, how="cross")
-    for factor in simulation.design.factors:
+    design = simulation.design
+    people = pd.DataFrame({"subject": [f"s{k + 1:02d}" for k in range(design.subjects)]})
+    levels = [pd.DataFrame({factor.name: factor.levels}) for factor in design.factors if factor.every]
+    impacts = crossed(simulation.conditions(), people, *levels, repeats=design.repeats)
+    repeat = (impacts.groupby(level=0).cumcount() + 1).to_numpy()
+    impacts = impacts.reset_index(drop=True)
+    for factor in design.factors:
         if not factor.every:
             impacts[factor.name] = random.permutation(np.resize(factor.levels, len(impacts)))
     names = impacts["trial"] + "-" + impacts["subject"]
-    for factor in crossed:
-        names += "-" + impacts[factor.name]
-    if simulation.design.repeats > 1:
-        names += "-r" + impacts["repeat"].astype(str)
+    for (name,) in levels:
+        names += "-" + impacts[name]
+    if design.repeats > 1:
+        names += "-r" + pd.Series(repeat).astype(str)
     energy = impacts["mass_kg"] * impacts["velocity_m_s"] ** 2 / 2
     rate = simulation.recording.sampling_rate_hz
-    table = impacts.drop(columns="repeat").assign(impact=names, energy_J=energy, sampling_rate_hz=rate)
-    factors = [factor.name for factor in simulation.design.factors]
+    table = impacts.assign(impact=names, energy_J=energy, sampling_rate_hz=rate)
+    factors = [factor.name for factor in design.factors]
     last = [name for name in ("energy_J", "sampling_rate_hz", "diameter_m") if name in table]
     return table[["impact", "subject", "trial", *factors, "mass_kg", "velocity_m_s", *last]]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial, reduce
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -387,6 +388,12 @@ class Simulation(TomlTable):
         rows = [(*one.mass_and_velocity(), one.trial, one.diameter_m) for one in self.design.conditions]
         table = pd.DataFrame(rows, columns=["mass_kg", "velocity_m_s", "trial", "diameter_m"])
         return table.dropna(axis="columns")
+
+
+def crossed(*tables: pd.DataFrame, repeats: int) -> pd.DataFrame:
+    """Every row of each table with every one of the others, the last varying fastest, each so often."""
+    combined = reduce(partial(pd.merge, how="cross"), tables)
+    return combined.loc[combined.index.repeat(repeats)]
 
 
 def published_conditions() -> pd.DataFrame:
