@@ -15,7 +15,7 @@ import pandas as pd
 
 from bayestissue.base.remedies import codes_in
 from bayestissue.base.result import Result, Say
-from bayestissue.base.results.tables import declared_files, read_tables, table_of_rows, typed
+from bayestissue.base.results.tables import read_tables, table_of_rows, typed
 from bayestissue.base.runtime import CommandStart, in_float64, run_record
 from bayestissue.inference.points.notes import PHANTOM, people_alone, said_once
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, QUANTITIES, UNITS
@@ -28,7 +28,7 @@ from bayestissue.reports.figures.study_comparisons import points
 from bayestissue.reports.figures.theme import Figure, number
 from bayestissue.reports.pages.page import render_page
 from bayestissue.reports.pages.page_settings import LIMITS
-from bayestissue.reports.pages.page_tables import Field, Table, settings_table, shown, table_of
+from bayestissue.reports.pages.page_tables import Table, settings_table, shown
 from bayestissue.reports.pages.wording import SENTENCES, interval, listed, nouns_of, significant
 from bayestissue.reports.pages.wording import number as in_words
 from bayestissue.studies.simulation import simulate
@@ -200,7 +200,7 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
         notes=said_once(notes),
         plots=[estimate_figure(table, q) for q in QUANTITIES] if table["mass_kg"].notna().any() else [],
         further={
-            name: (heading, words, plain_table(name, tables[name]))
+            name: (heading, words, shown(name, typed(name, tables[name])))
             for name, (heading, words) in _FURTHER.items()
             if name in tables
         },
@@ -215,25 +215,22 @@ def by_posterior(table: pd.DataFrame) -> bool:
 
 
 def level(table: pd.DataFrame, q: str) -> dict[str, str]:
-    """The middle and the spread of K or C over the impacts, as text."""
-    values = table[COLUMNS[q]].dropna()
+    """The middle and the spread of K or C over the impacts, as text.
+
+    ``sure`` is half of a single impact's interval, as a share of it, in the median impact; of posteriors.
+    """
+    values, half_width = table[COLUMNS[q]].dropna(), np.nan
+    if by_posterior(table):
+        half_width = ((table[end(q, "high")] - table[end(q, "low")]) / 2 / table[COLUMNS[q]]).median()
     low, median, high = np.percentile(values, [5, 50, 95]) if len(values) else [np.nan] * 3
     return {
         "name": NAMES[q],
         "unit": UNITS[q],
         "median": significant(median),
         "range": interval(low, high),
-        "sure": _relative_half_width(table, q),
+        "sure": "" if pd.isna(half_width) else f"{100 * half_width:.2g} %",
         "missing": str(len(table) - len(values)) if len(values) < len(table) else "",
     }
-
-
-def _relative_half_width(table: pd.DataFrame, q: str) -> str:
-    """Half of a single impact's interval, as a share of it, in the median impact; of posteriors alone."""
-    if not by_posterior(table):
-        return ""
-    half = ((table[end(q, "high")] - table[end(q, "low")]) / 2 / table[COLUMNS[q]]).median()
-    return "" if pd.isna(half) else f"{100 * half:.2g} %"
 
 
 def flag_counts(table: pd.DataFrame) -> str:
@@ -288,17 +285,3 @@ def mass_trend(table: pd.DataFrame) -> str:
             slope = np.polynomial.polynomial.polyfit(mass, np.log(known[COLUMNS[q]].to_numpy()), 1)[1]
             words.append(f"{NAMES[q]} goes with mass to the power {in_words(slope, 2)}")
     return f"Over these impacts {listed(words)}." if words else ""
-
-
-def plain_table(name: str, frame: pd.DataFrame) -> Table:
-    """A whole table as it is declared: numbers to the right, those that aren't whole with four digits."""
-    declared, frame = declared_files()[f"{name}.csv"].columns, typed(name, frame)
-
-    def field(column: str) -> Field:
-        otherwise = "number" if pd.api.types.is_numeric_dtype(frame[column]) else "text"
-        kind = declared[column].kind if column in declared else otherwise
-        if kind == "text":
-            return Field(column, "words" if column in ("expected", "remedy") else "text")
-        return Field(column, "{:.0f}" if kind == "whole" else "4")
-
-    return table_of(frame, *map(field, map(str, frame)))

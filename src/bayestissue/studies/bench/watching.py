@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from time import sleep
 from typing import Any, NamedTuple
@@ -66,8 +67,8 @@ class Announcement(NamedTuple):
     text: str
 
 
-class _RowHeldError(InputError):
-    """A row of the order would have two drops: a person says which of them is right."""
+class _RowOpenError(InputError):
+    """Which row of the order is whose is open, or one would have two drops: a person has to look."""
 
 
 class Watch:
@@ -192,33 +193,24 @@ class Watch:
         for name in gone:
             if self.drops.of_file(name):
                 self.say(f"{name}: deleted from the recorder's folder; the dataset keeps it")
-        with self._lock:
-            waiting = self._give_rows(listed)
-        ready = tuple(name for name in ready if name not in waiting)
         trouble = None
-        for name in ready:
-            self._follower.settled[name] = listed[name]
-            try:
-                with self._lock:
-                    self._take(name)
-            except _RowHeldError as error:
-                self._follower.settled.pop(name)
-                self._wait(error.problems[0])
-                ready = ()
-                break
-            except OSError as error:
-                # It may be there, or free, at the next look.
-                self._follower.settled.pop(name)
-                trouble = error
+        try:
+            with self._lock:
+                self._give_rows(listed)
+            for name in ready:
+                try:
+                    with self._lock:
+                        self._take(name, listed[name])
+                except OSError as error:
+                    trouble = error
+        except _RowOpenError as error:
+            self._waiting, ready = error, ()
+            (problem,) = error.problems
+            self.last = str(problem.file), DropVerdict("look", _in_short(problem))
+            self._once(f"{problem.file}: look: {_in_short(problem)}")
         if trouble:
             raise trouble
         return bool(ready)
-
-    def _wait(self, problem: Problem) -> None:
-        """Stop, and say what a person has to look at."""
-        self._waiting = InputError(problem)
-        self.last = str(problem.file), DropVerdict("look", _in_short(problem))
-        self._once(f"{problem.file}: look: {_in_short(problem)}")
 
     def _take_corrections(self) -> None:
         """Take what a person wrote into the dataset, and judge drops anew whose facts were corrected."""
@@ -226,7 +218,7 @@ class Watch:
             self.drops.by_hand()
         except InputError as error:
             self._waiting = error
-            self._once(f"{_in_short(error.problems[0], located=True)} Its tables wait for that")
+            self._once(f"{error.problems[0]} Its tables wait for that")
         notes, self.drops.notes = self.drops.notes, []
         corrected, self.drops.corrected = self.drops.corrected, []
         for note in notes:
@@ -256,37 +248,48 @@ class Watch:
         if self.drops.pending and not self._waiting:
             self.drops.write()
 
-    def _give_rows(self, listed: Mapping[str, Stamp]) -> set[str]:
-        """Give files that nobody has judged their rows of the order; those that have to wait for a person."""
+    def _give_rows(self, listed: Mapping[str, Stamp]) -> None:
+        """Give files that nobody has judged their rows of the order.
+
+        Raises:
+            _RowOpenError: which row is whose is open. Verdicts wait too: they would open rows that new files
+                then seem to have.
+        """
         if not self.order.rows:
-            return set()
+            return
         drops = self.drops
-        judged = {*drops.refused, *(drop.file for drop in drops)} - self._changed
         new, reused = self._unseen(listed)
-        gone = {name: at for name, at in drops.rows.items() if name not in listed and name not in judged}
+        known = {*listed, *self._judged_files()}
+        gone = {name: at for name, at in drops.rows.items() if name not in known}
         for name in drops.rows.keys() - {*listed, *(drop.file for drop in drops)}:
             del drops.rows[name]
-        row_of, problem = self._rows_in_order(new, gone, listed)
-        if reused:
-            (name, now), *_ = reused.items()
-            problem = Problem.stated("no-campaign.row-held", name, value=f"the name that {now} had")
-        if problem := self._twice() or problem:
+        try:
+            self._require_distinct_rows()
+            for name, now in reused.items():
+                raise _row_held(name, f"the name that {now} had")
+            row_of = self._rows_in_order(new, gone, listed)
+        except _RowOpenError:
             drops.rows.update(gone)
-            self._wait(problem)
-            # Verdicts wait too: they would open rows that new files then seem to have.
-            return {*listed}
+            raise
         first = row_of.keys() - drops.rows.keys()
         self._changed |= row_of.keys() - first
         if first:
             drops.rows.update(row_of)
             drops.write()
-        return set()
+
+    def _judged_files(self) -> set[str]:
+        """The files of which what they hold now was taken or refused."""
+        return {*self.drops.refused, *(drop.file for drop in self.drops)} - self._changed
 
     def _rows_in_order(
         self, new: Sequence[str], gone: Mapping[str, int], listed: Mapping[str, Stamp]
-    ) -> tuple[dict[str, int], Problem | None]:
-        """The rows that files take in the order of their recording, and what leaves that open."""
-        folder, rows = str(self.recordings), self.drops.rows
+    ) -> dict[str, int]:
+        """The rows that files take in the order of their recording.
+
+        Raises:
+            _RowOpenError: something leaves that open.
+        """
+        rows, unclear = self.drops.rows, partial(_RowOpenError.stated, file=str(self.recordings))
         by_name = sorted(new, key=natural)
         by_time = sorted(by_name, key=lambda name: listed[name].modified_ns)
         in_order = by_name if self.campaign.files_by == "names" else by_time
@@ -301,24 +304,28 @@ class Watch:
             if any(self.order.row_for(name, {at: all_rows[at]}, cells) == at for name, cells in named.items())
         ]
         if [*first.values()][: len(lost)] != lost:
-            value, names = _in_a_row([*first]), _in_a_row([*gone])
-            return row_of, Problem.stated("no-campaign.gone", folder, value=value, names=names)
+            raise unclear("no-campaign.gone", value=_in_a_row([*first]), names=_in_a_row([*gone]))
         # A name that is unlike all others, but for its numbers, may be no drop's.
         shapes = Counter(_shape(name) for name in new)
         alone = [name for name in by_name if shapes[_shape(name)] == 1 < max(shapes.values())]
         if facts != self._rows_of(sorted(in_order, key=lambda name: name in alone))[1]:
-            return row_of, Problem.stated("no-campaign.alone", folder, value=_in_a_row(alone))
+            raise unclear("no-campaign.alone", value=_in_a_row(alone))
         if self.campaign.files_by is None and facts != self._rows_of(by_name)[1]:
-            value, names = _in_a_row(by_time), _in_a_row(by_name)
-            return row_of, Problem.stated("no-campaign.sequence", folder, value=value, names=names)
+            raise unclear("no-campaign.sequence", value=_in_a_row(by_time), names=_in_a_row(by_name))
         if len(new) > 1 and any(lacking for lacking, _ in facts.values()) and row_of:
-            return row_of, Problem.stated("no-campaign.more-files", folder, value=_in_a_row(by_time))
+            raise unclear("no-campaign.more-files", value=_in_a_row(by_time))
         for name in [name for name in new if name in rows and name not in row_of]:
             others = [other for other, at in rows.items() if at == rows[name] and other != name]
-            value = f"the row of {_in_a_row(others)}"
-            return row_of, Problem.stated("no-campaign.row-held", name, value=value)
-        late = self._late(first, listed)
-        return row_of, Problem.stated("no-campaign.late", folder, value=late) if late else None
+            raise _row_held(name, f"the row of {_in_a_row(others)}")
+        # A file that comes behind another with an earlier row, though neither time nor name says so.
+        for name, at in first.items() if not any(self.order.files) else ():
+            for drop in self.drops:
+                earlier = natural(name) < natural(drop.file)
+                earlier &= listed[name].modified_ns <= drop.stamp.modified_ns
+                before = rows.get(drop.file, at)
+                if earlier and before < at and self.order.rows[before] != self.order.rows[at]:
+                    raise unclear("no-campaign.late", value=f"{name} after {drop.file}")
+        return row_of
 
     def _unseen(self, listed: Mapping[str, Stamp]) -> tuple[list[str], dict[str, str]]:
         """Files that hold a recording of their own which has no row yet: new ones, and changed ones.
@@ -353,10 +360,13 @@ class Watch:
                 reused |= {former: name} if file_sha256(self.recordings / former) not in known else {}
         return unseen, reused
 
-    def _twice(self) -> Problem | None:
-        """Two drops in use that fill one row, as a person's decision may leave them.
+    def _require_distinct_rows(self) -> None:
+        """Refuse two drops in use that fill one row, as a person's decision may leave them.
 
         A drop whose facts were corrected fills none.
+
+        Raises:
+            _RowOpenError: there are two; both are named.
         """
         rows = self.order.named(self._people())
         filled: dict[int, str] = {}
@@ -365,22 +375,20 @@ class Watch:
             if at is not None and drop.good and rows[at].items() <= drop.cells.items():
                 if at in filled:
                     value = f"{filled[at]} and {drop.impact}"
-                    return Problem.stated("no-campaign.row-twice", str(self.drops.folder), value=value)
+                    raise _RowOpenError.stated("no-campaign.row-twice", str(self.drops.folder), value=value)
                 filled[at] = drop.impact
-        return None
 
     def _require_row(self, drop: Drop) -> None:
         """Refuse a drop whose row another one in use fills.
 
         Raises:
-            _RowHeldError: it does; both are named.
+            _RowOpenError: it does; both are named.
         """
         at = self.drops.rows.get(drop.file)
         for other in self.drops:
             same_row = other.file != drop.file and at is not None and self.drops.rows.get(other.file) == at
             if drop.good and other.good and same_row:
-                problem = Problem.stated("no-campaign.row-held", drop.file, value=f"the row of {other.file}")
-                raise _RowHeldError(problem)
+                raise _row_held(drop.file, f"the row of {other.file}")
 
     def _rows_of(self, names: Sequence[str]) -> tuple[dict[str, int], dict[str, tuple[bool, Any]]]:
         """The rows that files take one after the other, and whether facts of each lack, and which it has."""
@@ -411,20 +419,9 @@ class Watch:
                 facts[name] = lacking, cells
         return row_of, facts
 
-    def _late(self, row_of: Mapping[str, int], listed: Mapping[str, Stamp]) -> str:
-        """Which file comes behind another that has an earlier row, though neither time nor name says so."""
-        rows = self.order.rows
-        for name, at in row_of.items() if not any(self.order.files) else ():
-            for drop in self.drops:
-                earlier = natural(name) < natural(drop.file)
-                earlier &= listed[name].modified_ns <= drop.stamp.modified_ns
-                before = self.drops.rows.get(drop.file, at)
-                if earlier and before < at and rows[before] != rows[at]:
-                    return f"{name} after {drop.file}"
-        return ""
-
-    def _take(self, name: str) -> None:
+    def _take(self, name: str, stamp: Stamp) -> None:
         source, incoming = self.recordings / name, self._incoming / name
+        self._follower.settled[name] = stamp
         try:
             if not self._incoming.exists():
                 self._incoming.mkdir(mode=0o700)
@@ -434,13 +431,17 @@ class Watch:
             sha256 = file_sha256(incoming)
             try:
                 self._take_whole(name, incoming, sha256)
-            except _RowHeldError:
+            except _RowOpenError:
                 raise
             except InputError as error:
                 self.drops.refuse(name, sha256)
                 self.study.update(self.drops.used)
                 self._refuse(name, error)
             self._changed.discard(name)
+        except (OSError, _RowOpenError):
+            # It may be there, or free, at the next look.
+            del self._follower.settled[name]
+            raise
         finally:
             with suppress(OSError):
                 incoming.unlink(missing_ok=True)
@@ -466,8 +467,7 @@ class Watch:
             # What was judged under this name is not known to be gone: which row is whose, names do not say.
             judged = [(drop.file, drop.sha256) for drop in self.drops] + [*self.drops.refused.items()]
             if others := [file for file, known in judged if known == sha256 and file != name]:
-                value = f"the recording of {others[0]}"
-                raise _RowHeldError(Problem.stated("no-campaign.row-held", name, value=value))
+                raise _row_held(name, f"the recording of {others[0]}")
         moved = same if earlier is None else None
         row = self.drops.row(name, self.cells(name, moved), moved.file if moved else "")
         destination = self.drops.folder / str(row["trace"])
@@ -588,7 +588,7 @@ class Watch:
         good = [drop for drop in known if drop.good and (named or not drop.of_phantom)]
         held = [rows[drop.file] for drop in good if drop.file in rows]
         # Of files that nobody has judged yet, since they are empty, still grow, or wait for their turn.
-        judged = {*self.drops.refused, *(drop.file for drop in self.drops)} - self._changed
+        judged = self._judged_files()
         held += [at for name, at in rows.items() if name not in judged]
         unknown = [drop.cells for drop in good if drop.file not in rows]
         return self.order.left(unknown, held, self._people())
@@ -660,6 +660,11 @@ class Watch:
         self._say(text)
 
 
+def _row_held(file: str, value: str) -> _RowOpenError:
+    """A file would have what is another's."""
+    return _RowOpenError.stated("no-campaign.row-held", file, value=value)
+
+
 def numbers_of(row: pd.Series) -> dict[str, Any]:
     """K, C and ``outcomes`` of a row of `estimates.csv`, these by their names with units.
 
@@ -680,10 +685,9 @@ def facts_words(cells: Cells) -> str:
     return ", ".join(f"{name} {v:g}" if isinstance(v, float) else f"{name} {v}" for name, v in cells.items())
 
 
-def _in_short(problem: Problem, *, located: bool = False) -> str:
-    """What is wrong with a file that can't be used; ``located`` where its name isn't said anyway."""
-    short = f"found {problem.value}; expected {problem.expected}. {problem.remedy}"
-    return str(problem) if located else printable(short)
+def _in_short(problem: Problem) -> str:
+    """What is wrong with a file that can't be used, whose name is said anyway."""
+    return printable(f"found {problem.value}; expected {problem.expected}. {problem.remedy}")
 
 
 def _in_a_row(names: Sequence[str]) -> str:
