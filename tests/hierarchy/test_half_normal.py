@@ -6,7 +6,7 @@ import numpyro.distributions as dist
 import pytest
 from numpyro.distributions import biject_to
 
-from bayestissue.model.hierarchy.half_normal import HalfNormalSpread
+from bayestissue.model.hierarchy.trace_models import HalfNormalSpread
 
 SCALE = 0.3
 EPSILON = np.finfo(float).eps

@@ -14,6 +14,7 @@ from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_
 from bayestissue.model.likelihood.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.noise import colour_of, discrepancy_modes
 from bayestissue.model.likelihood.record import Contact, DecelerationRecord, ForceRows, UnevenTimes
+from bayestissue.model.likelihood.recorder import Colour
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
 from bayestissue.recordings.signal.filters import autocorrelation
 from tissues import path
@@ -132,6 +133,7 @@ def clipped(
 
 
 # Velocity, gain, the force's zero, its clock, the deceleration's zero, the time of contact.
+WHITE = {"colour": Colour.white_noise(), "rate": jnp.zeros(1, int)}
 OF_BOTH = (0.03, 0.02, 0.1, 5e-5, 0.2, 4e-5)
 RATIO, TIP = 0.07, 0.1
 
@@ -151,11 +153,11 @@ def force_beside(
     motion = path("kelvin_voigt", values, mass, velocity, 0.2)
     d = motion.deceleration(2e-4 + 5e-4 * np.arange(40)) + random.normal(0, 0.4, 40)
     y = (np.exp(RATIO) - TIP) * reading(motion, recorder, dt)(first + dt * np.arange(rows))
-    further: dict[str, Any] = {}
+    further: dict[str, Any] = WHITE
     if recorder is not None:
         usable = (np.arange(rows + 1) >= 3) & (np.arange(rows + 1) < rows)
         low_pass = low_pass_of(recorder, np.array([dt]))._replace(phase=jnp.full(1, 0.5))
-        further = {"usable": jnp.asarray(usable[None]), "low_pass": low_pass}
+        further = WHITE | {"usable": jnp.asarray(usable[None]), "low_pass": low_pass}
         if white < 1:
             colour, rate, _ = filtered_noise(recorder, white, rows, np.array([dt]))
             further |= {"colour": colour, "rate": jnp.asarray(rate)}
@@ -232,7 +234,8 @@ def both_open(name: str, of_d: LowPassFilter | None, dt: float, first: float) ->
     y = (np.exp(RATIO) - TIP) * reading(motion, None, dt)(true + first + dt * np.arange(rows))
     y += 0.5 * random.normal(size=rows)
     longer = 3 + int(np.ceil((first + reach * of_trace) / dt))
-    parts = (rows, of_trace / 2 + first, dt, TIP)
+    y = jnp.asarray(np.pad(y, (0, longer))[None])
+    parts = (jnp.array([part]) for part in (rows, of_trace / 2 + first, dt, TIP))
     record = record_of(
         trace[None, reach:],
         of_trace / 2,
@@ -241,7 +244,7 @@ def both_open(name: str, of_d: LowPassFilter | None, dt: float, first: float) ->
         error_sd=(*OF_BOTH[:5], 0.0),
         mass=mass,
         contact=Contact.anywhere(trace[None, :reach], np.array([reach]), np.array([0.4])),
-        force=ForceRows(jnp.asarray(np.pad(y, (0, longer))[None]), *(jnp.array([part]) for part in parts)),
+        force=ForceRows(y, *parts, **WHITE),
         low_pass=low_pass,
     )
     noise = {"log_force_sigma": np.log(0.5), "log_force_ratio": RATIO}

@@ -19,9 +19,9 @@ from bayestissue.inference.quantities.secants import (
     units_of,
 )
 from bayestissue.model.hierarchy.design import build_design
-from bayestissue.model.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.model.hierarchy.priors import Normal
 from bayestissue.model.hierarchy.specification import Formulas
+from bayestissue.model.hierarchy.trace_models import HalfNormalSpread
 
 PEOPLE, CONDITIONS, DRAWS = 3, 8, 4000
 SHAPE = (2, DRAWS // 2)

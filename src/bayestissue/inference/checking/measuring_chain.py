@@ -198,7 +198,7 @@ def _at_gain(
     prior = weak_prior(start)
     if not model.gain:
         return laplace_of_all(model, data, start, prior), prior
-    number = 2 + model.nuisance.index(GAIN)
+    number = model.parameters.index(GAIN)
     start[:, number] = log_gain.mean
     prior.precision[number, number] = log_gain.sd**-2
     sites = laplace_of_all(model, data, start, prior)

@@ -29,6 +29,7 @@ from bayestissue.mechanics.elements.element import GRAVITY, Collision
 from bayestissue.mechanics.elements.outcomes import outcomes_of
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.trace_models import (
+    GAIN,
     Physical,
     TraceData,
     TraceModel,
@@ -108,7 +109,7 @@ class Impacts:
     @property
     def error_with_gain(self) -> Float[Array, "impact error"]:
         """The measuring chain's errors, that of a gain which all impacts share counted in."""
-        log_gain = self.model.log_gain(self.u)
+        log_gain = self.model.named(self.u).get(GAIN)
         return self.chain_error + (0.0 if log_gain is None else self.data.record.of_gain(log_gain))
 
     @cached_property

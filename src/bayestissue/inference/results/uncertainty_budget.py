@@ -144,7 +144,7 @@ def _scatter(
     """Covariance of u about X b by source, an error of mass left out."""
     model = prepared.model
     kk, kc, cc = covariances.pair
-    size = 2 + len(model.nuisance)
+    size = len(model.parameters)
     scatter = {IMPACTS: np.zeros((size, size))}
     # The traces' own error of mass is a source by itself.
     scatter[IMPACTS][:2, :2] = np.array([[kk, kc], [kc, cc]]) - model.own_mass_sd**2
@@ -264,7 +264,7 @@ def _of_traces(
     """
     if not model.gain:
         return {name: np.diagonal(part[:, :2, :2], axis1=1, axis2=2) for name, part in measured.items()}
-    at, variance = 2 + model.nuisance.index(GAIN), model.priors.log_gain.sd**2
+    at, variance = model.parameters.index(GAIN), model.priors.log_gain.sd**2
     total = sum(measured.values(), np.zeros(()))
     taken = total[:, :2, at] / (total[:, at, at] + variance)[:, None]
     unit = np.eye(total.shape[-1])

@@ -10,13 +10,13 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.base.errors import Coded
 from bayestissue.mechanics.elements import element
-from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_of
+from bayestissue.model.hierarchy.recorder_noise import low_pass_of, recorded_noise
 from bayestissue.model.likelihood.record import ForceRows, chosen_impacts
 from bayestissue.model.likelihood.recorder import LowPass
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.signal import Displacements
 from bayestissue.recordings.signal.displacement import FEWEST_SAMPLES
-from bayestissue.recordings.signal.filters import ahead_s, decay, delay, white_share
+from bayestissue.recordings.signal.filters import ahead_s, decay, delay
 from bayestissue.recordings.signal.force import Force, force_beside
 from bayestissue.recordings.signal.padded_traces import (
     PaddedTraces,
@@ -225,13 +225,13 @@ def prepared_force(
     length = int(rows.number.max())
     if reach:
         length += 2 + int(np.ceil(((rows.first - first + earliest) / dt).max()))
-    of_filter = _filtered(dataset, signal, recorded, length) if recorder else {}
-    longer = of_filter.pop("longer", 1.0)
+    as_recorded = replace(dataset.with_settings(recorder=recorder), traces=dataset.further[0])
+    colour, rate, longer = recorded_noise(as_recorded, replace(signal, dt=dt), length)
     mass = signal.mass
     counts = rows.within(usable) & (np.arange(rows.number.max()) < rows.number[:, None])
     to_length = ((0, 0), (0, length - counts.shape[1]))
     in_front = channel.tip_mass_kg / mass
-    of_rows: Any = {
+    rows_of_force: Any = {
         "y": np.pad(np.where(counts, rows.value / mass[:, None], 0.0), to_length),
         "n_samples": rows.number,
         # Since contact as it was before the samples in contact were asked: these are to tell themselves.
@@ -240,11 +240,14 @@ def prepared_force(
         # A force below the tissue has no tip.
         "tip": in_front if channel.place == "impactor" else None,
         "usable": np.pad(counts, to_length) if (usable != rows.used).any() else None,
+        "low_pass": recorder and low_pass_of(recorder, dt),
+        "colour": colour,
+        "rate": rate,
     }
     noise = np.maximum(rows.noise / mass, 1e-12)
     return PreparedForce(
         comparison=comparison,
-        rows=ForceRows(**of_rows, **of_filter),
+        rows=ForceRows(**rows_of_force),
         offset_sd=longer * standard_error(noise, rows.n_quiet),
         clock_sd=_CLOCK * dt,
         log_noise=np.log(noise),
@@ -252,20 +255,3 @@ def prepared_force(
         mass_sd=float(dataset.uncertainty.relative_mass_sd),
         gain_sd=float(np.hypot(dataset.uncertainty.relative_gain_sd, channel.relative_gain_sd)),
     )
-
-
-def _filtered(dataset: Dataset, signal: Displacements, recorded: PaddedTraces, rows: int) -> dict[str, Any]:
-    """Of a force behind a low-pass its ``low_pass`` and, where its noise went through it, ``colour``.
-
-    Then also ``rate`` and by how much ``longer`` a mean takes to settle.
-    """
-    (channel,), (traces,) = dataset.channels, dataset.further
-    recorder = channel.recorder
-    assert recorder is not None  # noqa: S101 - the caller asks
-    force = replace(dataset.with_settings(recorder=recorder), traces=traces)
-    share = white_share(force, replace(signal, dt=recorded.dt))
-    low_pass = low_pass_of(recorder, recorded.dt)
-    if share == 1:
-        return {"low_pass": low_pass}
-    noise = zip(("colour", "rate", "longer"), filtered_noise(recorder, share, rows, recorded.dt), strict=True)
-    return {"low_pass": low_pass, **dict(noise)}

@@ -10,7 +10,9 @@ import numpy as np
 from bayestissue.model.likelihood.noise import colour_of
 from bayestissue.model.likelihood.recorder import Colour, LowPass
 from bayestissue.recordings.dataset.dataset_file import LowPassFilter
-from bayestissue.recordings.signal.filters import ahead_s, autocorrelation
+from bayestissue.recordings.dataset.model import Dataset
+from bayestissue.recordings.signal import Displacements
+from bayestissue.recordings.signal.filters import ahead_s, autocorrelation, white_share
 from bayestissue.recordings.signal.filters import modes as filter_modes
 
 # At the filter's corner over a cell of contact [rad]: a trace is then linear in the moment of contact but for
@@ -18,6 +20,16 @@ from bayestissue.recordings.signal.filters import modes as filter_modes
 _PHASE = 0.35
 # Between two samples, at the most.
 _MOST_CELLS = 24
+
+
+def recorded_noise(
+    dataset: Dataset, signal: Displacements, rows: int
+) -> tuple[Colour, np.ndarray, np.ndarray | float]:
+    """The noise of traces of so many rows: see `filtered_noise`; white where none went through a filter."""
+    white = white_share(dataset, signal)
+    if dataset.recorder is None or white == 1:
+        return Colour.white_noise(), np.zeros(len(signal.dt), int), 1.0
+    return filtered_noise(dataset.recorder, white, rows, signal.dt)
 
 
 def filtered_noise(

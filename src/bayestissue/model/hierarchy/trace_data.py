@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +31,7 @@ from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.identifiability import missing
 from bayestissue.model.hierarchy.population import EffectParts, population_design, stated_mass_errors
 from bayestissue.model.hierarchy.priors import normal
-from bayestissue.model.hierarchy.recorder_noise import filtered_noise, low_pass_of
+from bayestissue.model.hierarchy.recorder_noise import low_pass_of, recorded_noise
 from bayestissue.model.hierarchy.reference import Reference
 from bayestissue.model.hierarchy.responses import RESPONSES, parameter_of
 from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
@@ -51,7 +51,7 @@ from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.signal import Displacements, displacements
 from bayestissue.recordings.signal.displacement import BEFORE, BELOW_ZERO, FEWEST_SAMPLES
-from bayestissue.recordings.signal.filters import delay, white_share
+from bayestissue.recordings.signal.filters import delay
 
 # Of the log of force over mass times deceleration, where nothing is declared of masses and gains.
 _LEAST_RATIO_SD = 1e-3
@@ -277,22 +277,6 @@ def common_depth(signal: Displacements) -> float:
     return float(signal.x.max(axis=1).min())
 
 
-class _Beginning(NamedTuple):
-    """When contact was, and what the samples before it say of zero and noise.
-
-    Attributes:
-        contact: known, or in one of several cells.
-        contact_sd: of its moment [s].
-        offset_sd: of the zero [m/s^2].
-        colour: of noise behind a low-pass, and which of its rows each impact has; of white noise none.
-    """
-
-    contact: Contact
-    contact_sd: np.ndarray
-    offset_sd: np.ndarray
-    colour: tuple[Colour, np.ndarray] | None = None
-
-
 @dataclass(frozen=True)
 class _Recordings:
     """What the likelihood's record of the traces is made of.
@@ -396,11 +380,12 @@ class _Recordings:
         number = len(signal.dt)
         interval = signal.dt if self.reach else start.interval_s
         elsewhere = ~(self.estimate_contact & (interval > 0))
-        known = Contact.known(start.bracket_uniform)
-        begin = _Beginning(known, np.where(elsewhere, start.bracket_sd, 0.0), self.zero_sd)
+        contact, contact_sd = Contact.known(start.bracket_uniform), np.where(elsewhere, start.bracket_sd, 0.0)
+        colour, rate, longer = recorded_noise(dataset, signal, self.reach + signal.deceleration.shape[1])
         if self.reach:
-            begin = self._in_cells()
-        errors, velocity_share = self._errors(begin)
+            contact, contact_sd = self._in_cells(colour), self.reach * signal.dt / np.sqrt(12)
+        offset_sd = np.where(signal.quiet.there, longer * self.zero_sd, self.zero_sd)
+        errors, velocity_share = self._errors([offset_sd, contact_sd])
         diameter = dataset.impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, dataset.impacts.index))
         surroundings = {"diameter_m": diameter.astype(float).fillna(REFERENCE_DIAMETER_M).to_numpy()}
         record = DecelerationRecord.from_arrays(
@@ -412,16 +397,15 @@ class _Recordings:
             np.stack(errors, axis=1),
             signal.mass,
             surroundings | ({GRAVITY: signal.gravity} if dataset.gravity else {}),
-            begin.contact._replace(uniform=begin.contact.uniform & elsewhere),
+            contact._replace(uniform=contact.uniform & elsewhere),
         )
         if self.has_discrepancy:
             # It takes up what a wrong moment of contact does to a trace.
             record = record._replace(discrepancy=discrepancy_modes(signal.n_samples, signal.sample_numbers))
-        if begin.colour is not None:
-            colour, rate = begin.colour
-            record = record._replace(colour=colour, rate=jnp.asarray(rate))
         shared = self.element.added_mass is not None
         return record._replace(
+            colour=colour,
+            rate=jnp.asarray(rate),
             shared_by=jnp.full(number, float(number)) if shared else None,
             velocity_share=jnp.asarray(velocity_share),
             common_depth=jnp.asarray(np.full(number, common_depth(signal))),
@@ -432,43 +416,35 @@ class _Recordings:
             force=None if self.force is None else jax.tree.map(jnp.asarray, self.force.rows),
         )
 
-    def _in_cells(self) -> _Beginning:
-        """Contact in any of so many sampling intervals before the first sample.
+    def _in_cells(self, colour: Colour) -> Contact:
+        """Contact in any of so many sampling intervals before the first sample; ``colour`` of the noise.
 
         The likelihood asks the samples itself when contact was; what they said of it must not count twice.
         Cells are of one sampling interval: over three a trace is not linear in the moment, and of traces of
         sixty samples 90 % intervals of Hunt and Crossley's C then held 85 %.
         """
-        signal, reach, recorder = self.signal, self.reach, self.dataset.recorder
+        signal, reach = self.signal, self.reach
         place = signal.phase.place if signal.phase.known else None
-        contact_sd = reach * signal.dt / np.sqrt(12)
         before = np.pad(signal.before.value, ((0, 0), (max(0, reach - BEFORE), 0)))
         before = before[:, before.shape[1] - reach :]
         n_before = np.minimum(signal.before.n_samples, reach)
         n_quiet = np.maximum(n_before - signal.before.n_since_quiet, 0)
-        share = white_share(self.dataset, signal) if recorder is not None else 1.0
-        if recorder is not None and share < 1:
-            rows = reach + signal.deceleration.shape[1]
-            colour, rate, longer = filtered_noise(recorder, share, rows, signal.dt)
-            offset_sd = np.where(signal.quiet.there, longer * self.zero_sd, self.zero_sd)
-            contact = Contact.anywhere(before, n_before, n_quiet=n_quiet)
-            return _Beginning(contact, contact_sd, offset_sd, (colour, rate))
+        if not colour.is_white:
+            return Contact.anywhere(before, n_before, n_quiet=n_quiet)
         if self.has_discrepancy:
-            contact = Contact.anywhere(before, np.zeros_like(n_before), place=place)
-        else:
-            noise_sd = np.maximum(signal.quiet.noise_sd, 1e-12)
-            contact = Contact.anywhere(before, n_before, noise_sd, place, n_quiet)
-        return _Beginning(contact, contact_sd, self.zero_sd)
+            return Contact.anywhere(before, np.zeros_like(n_before), place=place)
+        noise_sd = np.maximum(signal.quiet.noise_sd, 1e-12)
+        return Contact.anywhere(before, n_before, noise_sd, place, n_quiet)
 
-    def _errors(self, begin: _Beginning) -> tuple[list[np.ndarray], np.ndarray]:
+    def _errors(self, of_contact: list[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray]:
         """Standard deviations of each impact's errors of the chain, and the velocity's share of the first.
 
         A spring and damper's motion is in proportion to the velocity: errors of velocity and gain are then
-        one error of both, unless something else tells them apart. Gravity does, and a force.
+        one error of both, unless something else tells them apart. Gravity does, and a force. ``of_contact``
+        has those of the zero [m/s^2] and of the contact time [s].
         """
         dataset, chain, force = self.dataset, self.dataset.uncertainty, self.force
         number = len(self.signal.dt)
-        of_contact = [begin.offset_sd, begin.contact_sd]
         side_by_side = self.specification.element == SIDE_BY_SIDE
         share = _share(chain.velocity_sd_m_s, self.velocity_sd)
         # Of an impact along gravity an error of the gain is not one of the velocity.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Literal, NamedTuple, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,8 @@ import numpyro
 import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Float, Int
-from numpyro.distributions import biject_to
+from numpyro.distributions import biject_to, constraints
+from numpyro.distributions.transforms import AffineTransform, ComposeTransform, SoftplusTransform
 
 from bayestissue.base.padding import padded_rows
 from bayestissue.mechanics.elements import element as element_named
@@ -26,23 +27,18 @@ from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.model.hierarchy.gaussian.effects import Covariances, SitesByCell
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
-from bayestissue.model.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.model.hierarchy.population import (
     EffectParts,
     Hyperparameters,
     covariances_of,
 )
 from bayestissue.model.hierarchy.priors import HalfNormal, Priors
+from bayestissue.model.hierarchy.responses import RESPONSES, parameter_of
 from bayestissue.model.likelihood.displacements import DisplacementRecord, MeasuredDisplacement
 from bayestissue.model.likelihood.impact import MeasuredImpact, NoiseParameters
 from bayestissue.model.likelihood.record import DecelerationRecord
 
 Kind = Literal["arma", "a2", "impact"]
-NUISANCE: dict[str, tuple[str, ...]] = {
-    "arma": ("noise", "atanh_theta1"),
-    "a2": ("noise",),
-    "impact": ("noise",),
-}
 # So many sampling intervals before the middle of its own contact is.
 CONTACT = "contact"
 # Of recorded over true deceleration, where one sensor errs by one factor in all impacts.
@@ -58,6 +54,49 @@ _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
     *("element", "discrepancy", "headform", "force", "contact", "gain"),
 ]
+
+
+class PositiveOfScale(constraints.Constraint):
+    """Positive numbers, s log(1 + e^y) of an unconstrained y.
+
+    Attributes:
+        scale: s.
+    """
+
+    def __init__(self, scale: Any) -> None:
+        self.scale = scale
+
+    def __call__(self, x: Any) -> Any:
+        """Whether ``x`` is one of them."""
+        return x > 0
+
+    def feasible_like(self, prototype: Any) -> Any:
+        """One of them, in the prototype's shape."""
+        return jnp.broadcast_to(self.scale, jnp.shape(prototype))
+
+    def tree_flatten(self) -> Any:
+        """For JAX."""
+        return (self.scale,), (("scale",), {})
+
+
+@biject_to.register(PositiveOfScale)
+def _transform(constraint: PositiveOfScale) -> ComposeTransform:
+    stretch = AffineTransform(0.0, constraint.scale, domain=constraints.positive)
+    return ComposeTransform([SoftplusTransform(), stretch])
+
+
+class HalfNormalSpread(dist.HalfNormal):
+    """A half-normal number whose unconstrained coordinate y gives it as scale log(1 + e^y).
+
+    On the log scale, numpyro's choice, the upper tail falls as exp(-e^{2y} / 2). A chain climbs it in
+    steps that multiply every impact's deviation at once, and diverges. As a function of this y that tail is
+    a normal's, and the lower one is the same as on the log scale.
+    """
+
+    @constraints.dependent_property(is_discrete=False, event_dim=0)
+    def support(self) -> PositiveOfScale:
+        """The positive numbers."""
+        return PositiveOfScale(self.scale)
 
 
 @jax.tree_util.register_dataclass
@@ -106,6 +145,11 @@ class Hierarchy:
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
         return ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of an impact's parameters, those of log K and log C first."""
+        return (*RESPONSES, *self.nuisance)
 
     @property
     def hyperparameters(self) -> tuple[str, ...]:
@@ -163,9 +207,15 @@ class TraceModel(Hierarchy):
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C; a discrepancy's or a force's come last."""
-        element_logs = [f"log_{parameter.name}" for parameter in element_named(self.element).extra]
+        of_noise = ["noise"] + ["atanh_theta1"] * (self.kind == "arma")
+        element_logs = [parameter_of(one.name) for one in element_named(self.element).extra]
+        of_chain = [CONTACT] * self.contact + [GAIN] * self.gain
         last = ["discrepancy"] * self.discrepancy + [*FORCE] * self.force
-        return (*NUISANCE[self.kind], *element_logs, *[CONTACT] * self.contact, *[GAIN] * self.gain, *last)
+        return (*of_noise, *element_logs, *of_chain, *last)
+
+    def named(self, u: list[Array]) -> dict[str, Array]:
+        """An impact's parameters by name."""
+        return dict(zip(self.parameters, u, strict=True))
 
     def spreads(self, hyperparameters: Hyperparameters) -> Hyperparameters:
         """The hyperparameters, and the spread of a gain that all impacts share."""
@@ -173,10 +223,6 @@ class TraceModel(Hierarchy):
             return hyperparameters
         spread = jnp.full_like(hyperparameters["sd_impact_K"], _GAIN_SPREAD * self.priors.log_gain.sd)
         return hyperparameters | {f"sd_{GAIN}": spread}
-
-    def log_gain(self, u: list[Array]) -> Float[Array, " impact"] | None:
-        """The parameter `GAIN` of each impact; None where the gain's error is each impact's own."""
-        return u[2 + self.nuisance.index(GAIN)] if self.gain else None
 
     @property
     def depends_on_depth(self) -> bool:
@@ -216,8 +262,7 @@ def element_parameters(model: TraceModel, u: list[Array]) -> Float[Array, "param
 
 def of_the_element(model: TraceModel) -> list[int]:
     """Which of an impact's parameters are the element's: the noise's come between C and the further."""
-    first = 2 + len(NUISANCE[model.kind])
-    return [0, 1, *range(first, first + len(element_named(model.element).extra))]
+    return [model.parameters.index(parameter_of(one.name)) for one in element_named(model.element).parameters]
 
 
 def added_mass_of(model: TraceModel) -> int | None:
@@ -225,8 +270,8 @@ def added_mass_of(model: TraceModel) -> int | None:
     which = element_named(model.element)
     if which.added_mass is None:
         return None
-    (number,) = (index for index, one in enumerate(which.extra) if one.of_mass)
-    return of_the_element(model)[2 + number]
+    (number,) = (model.parameters.index(parameter_of(one.name)) for one in which.extra if one.of_mass)
+    return number
 
 
 def trace_likelihood(
@@ -235,19 +280,18 @@ def trace_likelihood(
     """The likelihood of every impact's trace."""
     if model.kind == "impact":
         return impact_likelihood(model, data, u)
-    at, record = physical(model, data, u), cast(DisplacementRecord, data.record)
-    return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, record, model.log_gain(u))
+    record = cast(DisplacementRecord, data.record)
+    return MeasuredDisplacement(*physical(model, data, u), record, model.named(u).get(GAIN))
 
 
 def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> MeasuredImpact:
     """The likelihood of every impact's trace, of recorded decelerations."""
-    log_discrepancy = u[-1] + data.log_peak if model.discrepancy else None
-    force_sigma, force_ratio = (u[-2] + data.log_peak, u[-1]) if model.force else (None, None)
-    log_sigma, log_gain = physical(model, data, u).log_sigma, model.log_gain(u)
-    noise = NoiseParameters(log_sigma, log_discrepancy, force_sigma, force_ratio, log_gain)
-    record = cast(DecelerationRecord, data.record)
+    at, record = model.named(u), cast(DecelerationRecord, data.record)
+    size = {name: at[name] + data.log_peak for name in ("noise", "discrepancy", FORCE[0]) if name in at}
+    of_force = size.get(FORCE[0]), at.get(FORCE[1])
+    noise = NoiseParameters(size["noise"], size.get("discrepancy"), *of_force, at.get(GAIN))
     if model.contact:
-        record = record.with_contact_earlier(u[2 + model.nuisance.index(CONTACT)])
+        record = record.with_contact_earlier(at[CONTACT])
     return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, record)
 
 

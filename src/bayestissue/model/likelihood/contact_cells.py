@@ -110,8 +110,8 @@ def force_channel(
     none, late = jnp.zeros_like(one), -share * jerk
     residual = jnp.where(inside[:, None], force.y[:, None] - share * d, 0.0)
     columns = jnp.stack([share * by_velocity, none, one, late, none, late], axis=2)
-    colour, rate = force.noise
-    return SensorTrace(residual, columns, log_sigma, TraceNoise.of(inside, colour, rate), colour.stride)
+    noise = TraceNoise.of(inside, force.colour, force.rate)
+    return SensorTrace(residual, columns, log_sigma, noise, force.colour.stride)
 
 
 def modes_of(record: DecelerationRecord) -> Float[Array, "impact mode row"]:

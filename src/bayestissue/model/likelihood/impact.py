@@ -245,7 +245,7 @@ class MeasuredImpact(MeasuredTraces):
         d = record.within_limits(channels[0].replicate(record.d, errors, shocks))
         traces = {"deceleration": jnp.where(record.inside(), d, jnp.nan)}
         if force is not None:
-            shocks = noise.drawn(*force.noise, jax.random.fold_in(key, 5), force.y.shape)
+            shocks = noise.drawn(force.colour, force.rate, jax.random.fold_in(key, 5), force.y.shape)
             of_mass = record.mass[:, None] * channels[1].replicate(force.y, errors, shocks)
             traces["force"] = jnp.where(force.inside(), of_mass, jnp.nan)
         return traces

@@ -165,9 +165,9 @@ class ForceRows(NamedTuple):
         dt: its sampling interval [s].
         tip: m / M, of what lies in front of the sensor; None of one below the tissue, which reads the
             tissue's own force and not the one on the impactor.
+        colour, rate: of its noise, as of `DecelerationRecord`.
         usable: where a sample counts, as those before its filter has settled do not; None where all do.
         low_pass: a filter that it went through, of known contact alone; None where there is none.
-        colour, rate: as of `DecelerationRecord`; None where its noise is white.
     """
 
     y: Float[Array, "impact row"]
@@ -175,17 +175,10 @@ class ForceRows(NamedTuple):
     first_time: Float[Array, " impact"]
     dt: Float[Array, " impact"]
     tip: Float[Array, " impact"] | None
+    colour: Colour
+    rate: Int[Array, " impact"]
     usable: Bool[Array, "impact row"] | None = None
     low_pass: LowPass | None = None
-    colour: Colour | None = None
-    rate: Int[Array, " impact"] | None = None
-
-    @property
-    def noise(self) -> tuple[Colour, Int[Array, " impact"]]:
-        """Its colour, and which of that noise's sampling rates each impact has."""
-        if self.colour is None or self.rate is None:
-            return Colour.white_noise(), jnp.zeros(len(self.y), int)
-        return self.colour, self.rate
 
     @property
     def below(self) -> bool:
