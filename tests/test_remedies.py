@@ -21,7 +21,7 @@ from bayestissue.base.remedies import codes_in, entries, flags, messages, senten
 from bayestissue.commands.program import explain
 from bayestissue.inference.checking.findings import Finding, warned_codes, warnings
 from bayestissue.inference.checking.recording_warnings import flagged_recordings
-from bayestissue.model.hierarchy.combinations import COMBINATIONS
+from bayestissue.model.hierarchy.specification import COMBINATIONS
 
 SOURCE = Path(bayestissue.__file__).parent
 # What makes a warning or an error: all of these take a code.

@@ -13,7 +13,6 @@ from bayestissue.model.hierarchy.gaussian.effects import (
     Covariances,
     EffectsPosterior,
     integrate_effects,
-    log_density_of_cells,
 )
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor, cell_factors
 
@@ -135,7 +134,7 @@ class Dense:
     def log_density(self, own: Any, nuisance: Any, locations: Any) -> Array:
         """As a function of all standard deviations."""
         covariances = Covariances(own, nuisance, locations)
-        return log_density_of_cells(self.design, covariances, self.sums(covariances))
+        return integrate_effects(self.design, covariances, self.sums(covariances))[1]
 
     def conditional(self) -> EffectsPosterior:
         return integrate_effects(self.design, self.covariances, self.sums(self.covariances))[0]

@@ -16,7 +16,6 @@ from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.model.hierarchy.gaussian.effects import (
     effects_from_standard,
     integrate_effects,
-    log_density_of_cells,
 )
 from bayestissue.model.hierarchy.population import EffectParts, population_design
 from bayestissue.model.hierarchy.priors import Priors
@@ -49,7 +48,7 @@ def log_density(rows: pd.DataFrame, y: np.ndarray) -> float:
 
 @partial(jax.jit, static_argnames="effects")
 def _log_density(design: PopulationDesign, effects: EffectParts, y: jax.Array) -> jax.Array:
-    return log_density_of_cells(*exactly_estimated((effects, design), y, SD))
+    return integrate_effects(*exactly_estimated((effects, design), y, SD))[1]
 
 
 def sd_of_means(rows: pd.DataFrame, y: np.ndarray) -> np.ndarray:

@@ -17,7 +17,6 @@ from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.model.hierarchy.gaussian.effects import (
     effects_from_standard,
     integrate_effects,
-    log_density_of_cells,
 )
 from bayestissue.model.hierarchy.population import EffectParts, population_design
 from bayestissue.model.hierarchy.priors import Normal, Priors
@@ -139,7 +138,7 @@ def test_restricted_likelihood_is_greatest_where_statsmodels_finds_it(
 
     def log_density(log_sd: jax.Array) -> jax.Array:
         sd = dict(zip(map(NAMES.get, names), jnp.exp(log_sd), strict=True))
-        return log_density_of_cells(*exactly_estimated(population, rows["y"].to_numpy(), sd))
+        return integrate_effects(*exactly_estimated(population, rows["y"].to_numpy(), sd))[1]
 
     at = np.log([fitted.sd[name] for name in names])
     slope_at = jax.jit(jax.grad(log_density))

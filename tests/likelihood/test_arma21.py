@@ -9,7 +9,7 @@ from statsmodels.tsa.arima.model import ARIMA
 from statsmodels.tsa.arima_process import arma_acovf
 
 from bayestissue.mechanics.oscillator import to_discrete
-from bayestissue.model.likelihood import moving_average
+from bayestissue.model.likelihood import arma21
 from bayestissue.model.likelihood.arma21 import arma21_log_likelihood
 
 THETAS = [-1.0, -0.999, -0.27, 0.0, 0.5, 1.0, 1.3]
@@ -65,7 +65,7 @@ def test_stationary_start_is_the_one_of_statsmodels(omega_dt: float, zeta: float
     assert float(ours) == pytest.approx(expected, rel=1e-8)
 
 
-log_determinant = jax.jit(moving_average.log_determinant)
+log_determinant = jax.jit(arma21.log_determinant)
 
 
 @pytest.mark.parametrize("theta1", [-1.3, -1.0, -0.9999, -0.5, 0.0, 1.0])
@@ -107,4 +107,4 @@ def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match="stationary"):
         arma21_log_likelihood([1.0, 2.0, 3.0], 1.0, 0.0, 0.0, 1.0, start="frozen")
     with pytest.raises(ValueError, match="3 to 4 samples"):
-        moving_average.transformed(np.zeros((2, 4)), np.array([4, 2]), 1)
+        arma21.transformed(np.zeros((2, 4)), np.array([4, 2]), 1)

@@ -25,7 +25,7 @@ from bayestissue.base.arrays import JaxPerImpact, JaxPerSample, PerImpact, PerSa
 from bayestissue.base.padding import bucket
 from bayestissue.inference.execution.compiling import FULLY, compiled_quickly, filled_up, in_parts
 from bayestissue.mechanics.oscillator import arccos_branch, from_differences, spring_damper
-from bayestissue.model.likelihood.moving_average import FILLED
+from bayestissue.model.likelihood.arma21 import FILLED
 
 _GRID = 17
 _ROUNDS = 7

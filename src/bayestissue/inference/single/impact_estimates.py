@@ -43,9 +43,8 @@ from bayestissue.inference.single.impact_posterior import (
 )
 from bayestissue.mechanics.elements.head_injury import LONGEST
 from bayestissue.mechanics.oscillator import spring_damper_inverse, to_discrete
-from bayestissue.model.hierarchy.combinations import unsuited
 from bayestissue.model.hierarchy.design import build_design
-from bayestissue.model.hierarchy.specification import read_specification
+from bayestissue.model.hierarchy.specification import read_specification, unsuited
 from bayestissue.model.hierarchy.trace_data import Prepared, assemble, facts_of
 from bayestissue.recordings.dataset import as_dataset
 from bayestissue.recordings.dataset.impact_table import of_phantoms

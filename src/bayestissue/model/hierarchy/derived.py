@@ -109,23 +109,9 @@ def typical_covariates(design: Design, response: str) -> np.ndarray:
     return np.array([typical.covariates[name][0] for name in part.names]) / part.scale
 
 
-def typical_logs(design: Design, population: Draws, response: str) -> np.ndarray:
-    """The log of a typical person's response at the reference mass, [chain, draw]."""
-    log = population[intercept(design.responses[response].parameter)]
-    covariates = typical_covariates(design, response)
-    if not len(covariates):
-        return log
-    return log + population[f"covariate_effect_{response}"][..., : len(covariates)] @ covariates
-
-
-def effect_dimensions(design: Design) -> dict[str, str]:
-    """The dimension of the effects, or of the own coefficients, of each group term of each response."""
-    return {term.variable(q): term.grouping for q, part in design.responses.items() for term in part.terms}
-
-
 def labelled_draws(design: Design, quantities: Draws) -> xr.Dataset:
     """What `formula_quantities` has, with the levels of each group term's effects."""
-    levels = effect_dimensions(design)
+    levels = {term.variable(q): term.grouping for q, part in design.responses.items() for term in part.terms}
     coords = {name: list(design.groupings[name].levels) for name in set(levels.values())}
     return xr.Dataset(
         {k: (("chain", "draw", *([levels[k]] if k in levels else [])), v) for k, v in quantities.items()},

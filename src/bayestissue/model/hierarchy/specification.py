@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import (
     ConfigDict,
@@ -15,12 +15,12 @@ from pydantic import (
     model_validator,
 )
 
-from bayestissue.base.declarations import sentences
+from bayestissue.base.declarations import declared, sentences
+from bayestissue.base.errors import Problem
 from bayestissue.base.resources import model_content
 from bayestissue.base.settings import TomlTable, checked, read_text
 from bayestissue.mechanics.elements.library import element, element_names
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
-from bayestissue.model.hierarchy.combinations import refused
 from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm
 from bayestissue.model.hierarchy.priors import SD_OF_TERM, ElementPrior, Normal, Priors
@@ -32,6 +32,41 @@ MassError = Literal["impact", "mass", "subject", "all"]
 GainError = Literal["all", "impact"]
 REACH_PEAK = ("peak", "rebound")
 _SAID = sentences(__package__)
+# What is stated, by name: keys of a model file, what a dataset has, and what a command does.
+type Facts = Mapping[str, Any]
+
+
+class Combination(NamedTuple):
+    """Facts that do not go together.
+
+    Attributes:
+        facts: by name the values that take part in it.
+        at: the key that is named; empty where the whole is.
+        message: of ``remedies.toml``.
+        words: or a clause.
+    """
+
+    facts: Mapping[str, Sequence[Any]]
+    at: str = ""
+    message: str = ""
+    words: str = ""
+
+
+COMBINATIONS = tuple(Combination(**one) for one in declared(__package__, "combinations.toml")["combination"])
+
+
+def refused(facts: Facts, at: str) -> list[Combination]:
+    """The combinations of ``facts`` that are refused at a key."""
+    return [
+        one
+        for one in COMBINATIONS
+        if one.at == at and all(facts.get(name) in some for name, some in one.facts.items())
+    ]
+
+
+def unsuited(facts: Facts, at: str, source: str) -> list[Problem]:
+    """A problem for each combination of ``facts`` that is refused at a key of ``source``."""
+    return [Problem.stated(one.message, source, None, at, facts[at], **facts) for one in refused(facts, at)]
 
 
 class Formulas(TomlTable):
@@ -188,18 +223,9 @@ class ModelSpecification(TomlTable):
             raise _strange("formulas", ["K", "C", *extra], strange)
         return formulas
 
-    @model_validator(mode="after")
-    def _of_the_element(self) -> Self:
-        extra = [parameter.name for parameter in element(self.element).extra]
-        if strange := sorted(set(self.priors.element) - set(extra)):
-            raise _strange("element_priors", extra, strange, element=self.element)
-        for one in refused(self.facts, ""):
-            raise ValueError(one.words)
-        return self
-
     @property
     def facts(self) -> dict[str, Any]:
-        """What `bayestissue.model.hierarchy.combinations` are of."""
+        """What `COMBINATIONS` are of."""
         return dict(self) | {
             "reaches_peak": self.reaches_peak,
             "side_by_side": self.element == SIDE_BY_SIDE,
@@ -212,7 +238,12 @@ class ModelSpecification(TomlTable):
         return tuple(dict.fromkeys(term for formulas in models for term in formulas.group_terms()))
 
     @model_validator(mode="after")
-    def _of_the_formula(self) -> Self:
+    def _together(self) -> Self:
+        extra = [parameter.name for parameter in element(self.element).extra]
+        if strange := sorted(set(self.priors.element) - set(extra)):
+            raise _strange("element_priors", extra, strange, element=self.element)
+        for one in refused(self.facts, ""):
+            raise ValueError(one.words)
         terms = self.group_terms()
         if strange := [str(term) for term in self.priors.of_terms() if term not in terms]:
             raise _strange("term_priors", map(str, terms), strange)

@@ -19,7 +19,6 @@ from bayestissue.base.errors import InputError, Problem, along_with
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.element import GRAVITY, REFERENCE_DIAMETER_M, Element
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
-from bayestissue.model.hierarchy.combinations import refused, unsuited
 from bayestissue.model.hierarchy.derived import effects_by_name
 from bayestissue.model.hierarchy.design import Design, build_design
 from bayestissue.model.hierarchy.force_data import (
@@ -34,7 +33,7 @@ from bayestissue.model.hierarchy.priors import normal
 from bayestissue.model.hierarchy.recorder_noise import low_pass_of, recorded_noise
 from bayestissue.model.hierarchy.reference import Reference
 from bayestissue.model.hierarchy.responses import RESPONSES, parameter_of
-from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.model.hierarchy.specification import Formulas, ModelSpecification, refused, unsuited
 from bayestissue.model.hierarchy.trace_models import (
     GAIN,
     Kind,
@@ -241,7 +240,7 @@ def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepar
 
 
 def facts_of(dataset: Dataset, **stated: Any) -> dict[str, Any]:
-    """What `bayestissue.model.hierarchy.combinations` are of: what is ``stated``, and the dataset."""
+    """What a `Combination` is of: what is ``stated``, and the dataset."""
     names, traces = dataset.impacts["impact"], dataset.traces
     facts = stated | {"traces": True, "quantity": dataset.quantity}
     for name, rows in (("uneven", traces.uneven), ("clipped", traces.limited)):
@@ -388,7 +387,9 @@ class _Recordings:
         errors, velocity_share = self._errors([offset_sd, contact_sd])
         diameter = dataset.impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, dataset.impacts.index))
         surroundings = {"diameter_m": diameter.astype(float).fillna(REFERENCE_DIAMETER_M).to_numpy()}
-        record = DecelerationRecord.from_arrays(
+        # It takes up what a wrong moment of contact does to a trace.
+        modes = discrepancy_modes(signal.n_samples, signal.sample_numbers) if self.has_discrepancy else None
+        return DecelerationRecord.from_arrays(
             signal.deceleration,
             signal.n_samples,
             start.bracket_s,
@@ -398,22 +399,17 @@ class _Recordings:
             signal.mass,
             surroundings | ({GRAVITY: signal.gravity} if dataset.gravity else {}),
             contact._replace(uniform=contact.uniform & elsewhere),
-        )
-        if self.has_discrepancy:
-            # It takes up what a wrong moment of contact does to a trace.
-            record = record._replace(discrepancy=discrepancy_modes(signal.n_samples, signal.sample_numbers))
-        shared = self.element.added_mass is not None
-        return record._replace(
             colour=colour,
-            rate=jnp.asarray(rate),
-            shared_by=jnp.full(number, float(number)) if shared else None,
-            velocity_share=jnp.asarray(velocity_share),
-            common_depth=jnp.asarray(np.full(number, common_depth(signal))),
+            rate=rate,
+            shared_by=np.full(number, float(number)) if self.element.added_mass else None,
+            velocity_share=velocity_share,
+            common_depth=np.full(number, common_depth(signal)),
             low_pass=self.low_pass,
             uneven=_uneven_times(signal, self.reach),
-            clipped=jnp.asarray(signal.clipped) if signal.clipped.any() else None,
-            interval=jnp.asarray(interval) if self.estimate_contact else None,
-            force=None if self.force is None else jax.tree.map(jnp.asarray, self.force.rows),
+            clipped=signal.clipped if signal.clipped.any() else None,
+            interval=interval if self.estimate_contact else None,
+            force=self.force and self.force.rows,
+            **({"discrepancy": modes} if modes else {}),
         )
 
     def _in_cells(self, colour: Colour) -> Contact:

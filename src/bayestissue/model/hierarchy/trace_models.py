@@ -280,8 +280,9 @@ def trace_likelihood(
     """The likelihood of every impact's trace."""
     if model.kind == "impact":
         return impact_likelihood(model, data, u)
-    record = cast(DisplacementRecord, data.record)
-    return MeasuredDisplacement(*physical(model, data, u), record, model.named(u).get(GAIN))
+    at, record = physical(model, data, u), cast(DisplacementRecord, data.record)
+    log_gain = model.named(u).get(GAIN)
+    return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, record, log_gain)
 
 
 def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> MeasuredImpact:

@@ -1,25 +1,32 @@
-"""The exact log likelihood of an ARMA(2,1): no filter, no matrix (thesis, section 2.4, eq. 4)."""
+"""The exact log likelihood of an ARMA(2,1): no filter, no matrix (thesis, section 2.4, eq. 4).
+
+Given its first two values, an ARMA(2,1) is an MA(1) seen through w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2}
+(backward differences). The MA(1)'s covariance over sigma^2, T, is tridiagonal, 1 + theta1^2 on and -theta1
+beside the diagonal, and has the sine basis of the DST-I for its eigenvectors whatever theta1 is. Since w is
+linear in (c1, c2), so is its transform.
+"""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy import fft
 
-from bayestissue.model.likelihood.moving_average import (
-    eigenvalues,
-    log_determinant,
-    sine_transform,
-    spread_of,
-)
+from bayestissue.mechanics.entire import sinc_root
 from bayestissue.model.likelihood.small import LOG_2PI
 
 Start = Literal["free", "stationary"]
+# Sums over frequencies run over this many blocks first: a loop short enough to be unrolled by the compiler,
+# whose body then runs over the lanes in vector registers. The lanes come in whole registers.
+BLOCKS = 8
+FILLED = 8 * BLOCKS
 
 
 @partial(jax.jit, static_argnames="start")
@@ -34,8 +41,8 @@ def arma21_log_likelihood(
     """The exact log likelihood of x_t = phi1 x_{t-1} + phi2 x_{t-2} + a_t - theta1 a_{t-1} (eq. 4).
 
     Free start: -(N log(2 pi sigma_a^2) + log det T + W' L^-1 W / sigma_a^2) / 2, N = n - 2, with
-    W = DST(x''_t + c1 x'_{t-1} + c2 x_{t-2}), c1 = 2 - phi1, c2 = 1 - phi1 - phi2, and T and its eigenvalues
-    L as of `bayestissue.model.likelihood.moving_average`.
+    W = DST(x''_t + c1 x'_{t-1} + c2 x_{t-2}), c1 = 2 - phi1, c2 = 1 - phi1 - phi2, and L
+    the eigenvalues of T.
 
     Args:
         x: one series of at least three samples on the last axis [m]; leading axes broadcast with the
@@ -104,26 +111,11 @@ def arma21_series(
     return jnp.moveaxis(jnp.concatenate([x1[None], x2[None], later]), 0, -1)
 
 
-def start_moments(c1: Array, c2: Array, theta1: Array, sigma_a: Array) -> tuple[Array, Array]:
-    """gamma_0 and gamma_0 - gamma_1 of a stationary ARMA(2,1), the difference without cancellation.
-
-    Args:
-        c1: 2 - phi1.
-        c2: 1 - phi1 - phi2.
-        theta1: moving-average coefficient.
-        sigma_a: standard deviation of the shocks.
-    """
-    one_minus_phi2 = 2 - (c1 - c2)
-    # this is (1 - phi2)(1 + theta1^2) - 2 theta1 phi1
-    top = one_minus_phi2 * (1 - theta1) ** 2 + 2 * theta1 * c2
-    flat = sigma_a**2 * top / ((c1 - c2) * (4 - 2 * c1 + c2))
-    return flat / c2, (flat + theta1 * sigma_a**2) / one_minus_phi2
-
-
 def _stationary(x1: Array, x2: Array, end: Array, parameters: tuple[Array, ...], count: Array) -> Array:
     """Log density of x_1 and x_2 given w: of all w only w_3 shares a shock, a_2, with them.
 
-    Written for x_1 and x_2 - x_1, whose covariance keeps its digits when sampling is fine.
+    Written for x_1 and x_2 - x_1, whose covariance keeps its digits when sampling is fine: of gamma_0 and of
+    the drop gamma_0 - gamma_1, without cancellation.
 
     Args:
         x1: first displacement.
@@ -133,7 +125,11 @@ def _stationary(x1: Array, x2: Array, end: Array, parameters: tuple[Array, ...],
         count: N.
     """
     c1, c2, theta1, sigma_a = parameters
-    gamma0, drop = start_moments(c1, c2, theta1, sigma_a)
+    one_minus_phi2 = 2 - (c1 - c2)
+    # this is (1 - phi2)(1 + theta1^2) - 2 theta1 phi1
+    top = one_minus_phi2 * (1 - theta1) ** 2 + 2 * theta1 * c2
+    flat = sigma_a**2 * top / ((c1 - c2) * (4 - 2 * c1 + c2))
+    gamma0, drop = flat / c2, (flat + theta1 * sigma_a**2) / one_minus_phi2
     corner = jnp.exp(log_determinant(theta1, count - 1) - log_determinant(theta1, count))
     step_variance = 2 * drop - theta1**2 * sigma_a**2 * corner
     determinant = gamma0 * step_variance - drop**2
@@ -142,3 +138,104 @@ def _stationary(x1: Array, x2: Array, end: Array, parameters: tuple[Array, ...],
     step = x2 - x1 + theta1 * end
     form = (step_variance * x1**2 + 2 * drop * x1 * step + gamma0 * step**2) / safe
     return jnp.where(stationary, -(2 * LOG_2PI + jnp.log(safe) + form) / 2, -jnp.inf)
+
+
+def transformed(
+    x: Float[np.ndarray, "impact sample"],
+    lengths: Int[np.ndarray, " impact"],
+    registers: int,
+    *further: Float[np.ndarray, "impact sample"],
+) -> tuple[tuple[Float[Array, "block impact lane"], ...], Float[Array, "block impact lane"]]:
+    """Orthonormal DST-I of x''_t, x'_{t-1}, x_{t-2} and further series at t - 2, and the frequencies' spread.
+
+    Args:
+        x: displacement of each impact [m], padded at the end.
+        lengths: of each impact.
+        registers: how many times `FILLED` frequencies there is room for.
+        further: other series.
+
+    Raises:
+        ValueError: an impact has fewer than three samples or more than ``x`` is wide.
+    """
+    if lengths.size and not 3 <= lengths.min() <= lengths.max() <= x.shape[1]:
+        raise ValueError(f"every impact needs 3 to {x.shape[1]} samples")
+    slope = np.diff(x, axis=1)
+    series = (np.diff(slope, axis=1), slope, x, *further)
+    columns = np.zeros((len(series), len(x), FILLED * registers))
+    # padded frequencies count as an eigenvalue of 1 + theta1^2, never zero
+    spread = np.full(columns.shape[1:], 2.0)
+    for n in np.unique(lengths):
+        rows = np.flatnonzero(lengths == n)
+        for column, values in zip(columns, series, strict=True):
+            column[rows, : n - 2] = fft.dst(values[rows, : n - 2], type=1, axis=1, norm="ortho")
+        spread[rows, : n - 2] = spread_of(n - 2)
+    return tuple(in_blocks(column) for column in columns), in_blocks(spread)
+
+
+def spread_of(count: int) -> Float[np.ndarray, " frequency"]:
+    """2 - 2 cos(j pi / (count + 1)) for j = 1 ... count, without cancellation for small j."""
+    return 4 * np.sin(np.arange(1, count + 1) * (np.pi / (2 * (count + 1)))) ** 2
+
+
+def in_blocks(rows: Float[np.ndarray, "row frequency"]) -> Float[Array, "block row lane"]:
+    """Cut the frequencies, a multiple of `FILLED`, into `BLOCKS` blocks, and put these first."""
+    blocks = rows.reshape(len(rows), BLOCKS, -1).swapaxes(0, 1)
+    # As it is: `jnp.asarray` is compiled anew for every shape.
+    return jax.device_put(np.ascontiguousarray(blocks))
+
+
+def sine_transform(series: Float[Array, "*batch sample"]) -> Float[Array, "*batch sample"]:
+    """Orthonormal DST-I over the last axis, differentiable, by one real FFT of the odd extension."""
+    n = series.shape[-1]
+    zero = jnp.zeros_like(series[..., :1])
+    odd = jnp.concatenate([zero, series, zero, -series[..., ::-1]], axis=-1)
+    return -jnp.fft.rfft(odd)[..., 1 : n + 1].imag / jnp.sqrt(2.0 * (n + 1))
+
+
+def eigenvalues(theta1: Array, spread: Array) -> Array:
+    """1 + theta1^2 - 2 theta1 cos(j pi / (N + 1)) with spread = 2 - 2 cos(j pi / (N + 1))."""
+    return (1 - theta1) ** 2 + theta1 * spread
+
+
+@jax.custom_jvp
+def sums_over_frequencies(terms: tuple[Array, ...]) -> tuple[Array, ...]:
+    """The sum over block and lane of every term, all in one pass over what they share.
+
+    The blocks are summed first, lane by lane: that loop is short enough to be unrolled, and then runs over
+    the lanes in vector registers. One reduction of several operands is one loop, several are several.
+
+    Args:
+        terms: two or more, each [block, impact, lane].
+    """
+    zeros = (jnp.zeros((), terms[0].dtype),) * len(terms)
+    lanes = tuple(jax.lax.reduce(terms, zeros, _plus, (0,)))
+    return tuple(jax.lax.reduce(lanes, zeros, _plus, (1,)))
+
+
+def _plus(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
+    return tuple(x + y for x, y in zip(a, b, strict=True))
+
+
+@sums_over_frequencies.defjvp
+def _sums_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    # JAX's own derivative of a reduction of several operands is far slower than that of plain sums.
+    return sums_over_frequencies(*primals), tuple(d.sum((0, -1)) for d in tangents[0])
+
+
+def log_determinant(theta1: Array, count: Array) -> Array:
+    """Log det T = log(1 + theta1^2 + theta1^4 + ... + theta1^(2 N)) for N = count values.
+
+    With a = log |theta1| that is N a + log(sinh((N + 1) a) / sinh a), smooth where a is 0. Away from there
+    it is the geometric sum (1 - q^(N+1)) / (1 - q) of q = theta1^2, beyond 1 read backwards. Arguments
+    broadcast.
+    """
+    square, terms = theta1**2, count + 1
+    beyond = square > 1
+    inner = jnp.where(beyond, 1 / jnp.where(beyond, square, 1.0), square)
+    near = -terms * jnp.log(jnp.maximum(inner, 1e-300)) < 1
+    a = jnp.log(jnp.where(near, square, 1.0)) / 2
+    by_sines = count * a + jnp.log(terms * sinc_root(-((terms * a) ** 2)) / sinc_root(-(a**2)))
+    far = jnp.where(near, 0.5, inner)
+    by_sum = jnp.log1p(-(far**terms)) - jnp.log1p(-far)
+    reversed_ = count * jnp.log(jnp.where(beyond & ~near, square, 1.0))
+    return jnp.where(near, by_sines, by_sum + reversed_)

@@ -34,6 +34,7 @@ from jaxtyping import Bool, Float
 
 from bayestissue.mechanics.elements import Element
 from bayestissue.mechanics.entire import horner
+from bayestissue.model.likelihood.arma21 import sums_over_frequencies
 from bayestissue.model.likelihood.displacements import DisplacementRecord
 from bayestissue.model.likelihood.impact import MeasuredImpact
 from bayestissue.model.likelihood.linear_errors import (
@@ -41,7 +42,6 @@ from bayestissue.model.likelihood.linear_errors import (
     from_lower_entries,
     marginal_log_likelihood,
 )
-from bayestissue.model.likelihood.moving_average import sums_over_frequencies
 from bayestissue.model.likelihood.record import DecelerationRecord
 
 TERMS, RADIUS = 28, 3.0

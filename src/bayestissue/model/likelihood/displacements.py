@@ -23,16 +23,16 @@ from bayestissue.base.padding import bucket, padded_zeros
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.oscillator import to_differences
 from bayestissue.model.likelihood import small
-from bayestissue.model.likelihood.arma21 import arma21_series
-from bayestissue.model.likelihood.channels import MeasuredTraces, SensorTrace
-from bayestissue.model.likelihood.linear_errors import Errors, Products, from_lower_entries, part_of
-from bayestissue.model.likelihood.moving_average import (
+from bayestissue.model.likelihood.arma21 import (
     FILLED,
+    arma21_series,
     eigenvalues,
     log_determinant,
     sums_over_frequencies,
     transformed,
 )
+from bayestissue.model.likelihood.channels import MeasuredTraces, SensorTrace
+from bayestissue.model.likelihood.linear_errors import Errors, Products, from_lower_entries, part_of
 
 
 class DisplacementRecord(NamedTuple):

@@ -76,10 +76,8 @@ class Contact(NamedTuple):
     @classmethod
     def known(cls, uniform: Bool[Array | np.ndarray, " impact"]) -> Contact:
         """At ``first_time`` but for its error."""
-        number = len(uniform)
-        none, nothing = np.zeros(number, int), np.zeros(number)
-        parts: Any = (uniform, np.zeros((number, 0)), none, none, nothing, nothing + 0.5)
-        return cls(*parts)
+        nowhere = cls.anywhere(np.zeros((len(uniform), 0)), np.zeros(len(uniform), int))
+        return nowhere._replace(uniform=uniform)  # type: ignore[arg-type]
 
     @classmethod
     def anywhere(
@@ -270,8 +268,9 @@ class DecelerationRecord(NamedTuple):
         mass: np.ndarray,
         surroundings: dict[str, Any],
         contact: Contact,
+        **further: Any,
     ) -> DecelerationRecord:
-        """Of white noise without a discrepancy; values past a row's end are cleared."""
+        """Of white noise without a discrepancy, unless ``further`` has them; 0 past a row's end."""
         number, samples = d.shape
         inside = np.arange(samples) < np.asarray(n_samples)[:, None]
         modes: Any = (np.zeros((number, 0, samples)), np.zeros((number, 0)))
@@ -290,6 +289,7 @@ class DecelerationRecord(NamedTuple):
             "colour": Colour.white_noise(),
             "rate": np.zeros(number, int),
             "common_depth": np.zeros(number),
+            **further,
         }
         on_device: DecelerationRecord = jax.device_put(jax.tree.map(np.asarray, cls(**parts)))
         return on_device

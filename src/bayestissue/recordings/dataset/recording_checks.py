@@ -138,7 +138,7 @@ def _movement_warnings(recordings: Recordings) -> Iterator[Problem]:
 
 
 def _clipped(recordings: Recordings) -> Iterator[Problem]:
-    """Clipped recordings that no likelihood takes: see `bayestissue.model.likelihood.clipped`."""
+    """Clipped recordings that no likelihood takes: see `bayestissue.model.likelihood.impact`."""
     samples, moving = recordings.samples, recordings.moving
     limited = samples.clipped != 0
     slowing = np.abs(samples.value) > PLAUSIBLE.pulse * moving.farthest[samples.owner]

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from bayestissue.base.declarations import declared
 from bayestissue.model.hierarchy.design import build_design
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected, expected_by_cell
-from bayestissue.model.hierarchy.gaussian.effects import Covariances, log_density_of_cells
+from bayestissue.model.hierarchy.gaussian.effects import Covariances, integrate_effects
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import EffectParts, covariances_of, population_design
 from bayestissue.model.hierarchy.priors import Normal, Priors
@@ -57,7 +57,7 @@ def exactly_estimated(
         sd: standard deviations of log K, by the names of their sites.
 
     Returns:
-        What `log_density_of_cells` and `integrate_effects` take.
+        What `integrate_effects` takes.
     """
     effects, design = population
     sites = {name: jnp.asarray(value) for name, value in (dict.fromkeys(_FURTHER, _ANY) | dict(sd)).items()}
@@ -107,7 +107,7 @@ def least_objective(
     def objective(at: Array) -> Array:
         sd = dict(zip(names, jnp.exp(at[: len(names)]), strict=True))
         left = jnp.asarray(y) - X @ at[len(names) :]
-        return -2 * log_density_of_cells(*exactly_estimated(population, left, sd)) + count * np.log(2 * np.pi)
+        return -2 * integrate_effects(*exactly_estimated(population, left, sd))[1] + count * np.log(2 * np.pi)
 
     def value_and_slope(at: Float[np.ndarray, " parameter"]) -> tuple[float, Float[np.ndarray, " parameter"]]:
         value, slope = objective(jnp.asarray(at))

@@ -32,7 +32,6 @@ from bayestissue.model.hierarchy.gaussian.effects import (
     Covariances,
     EffectsPosterior,
     integrate_effects,
-    log_density_of_cells,
 )
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import EffectPart, EffectParts, effects_of
@@ -198,7 +197,7 @@ def leave_one_out(model: EstimatesModel, data: EstimatesData, y: Coordinates) ->
 
     # By Fisher's identity the slopes are the moments of X b, less its prior mean.
     def density(sums: GaussianFactor) -> Array:
-        return log_density_of_cells(data.design, covariances, sums)
+        return integrate_effects(data.design, covariances, sums)[1]
 
     slopes = jax.grad(density)(_sums(data, rows))
     # The density reads one half of each precision alone.

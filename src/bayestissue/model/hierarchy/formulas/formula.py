@@ -13,11 +13,17 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.base.errors import Coded
-from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, written
+from bayestissue.model.hierarchy.formulas.group_terms import (
+    MASS_TERM,
+    SUBJECT,
+    TRIAL,
+    GroupTerm,
+    grouping_of,
+    written,
+)
 from bayestissue.model.hierarchy.formulas.identifiability import (
     PRECISION,
     Fault,
-    aliased,
     confounded_with_mass,
     lacking,
     missing,
@@ -228,11 +234,11 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
         holes = [name for name in sorted(variables & set(usable)) if missing(rows[name]).any()]
         unknown = sorted({*_CALLED.findall(_QUOTED.sub("", term))} - {*FUNCTIONS, "C", "I"})
         if unknown:
-            faults.append(Fault.stated("no-function", term, mendable=True, name=unknown[0]))
+            faults.append(Fault.stated("no-function", term, name=unknown[0]))
         elif strange:
             faults.append(no_columns(term, strange, usable))
         elif labels:
-            faults.append(Fault.stated("label", term, mendable=True, name=labels[0]))
+            faults.append(Fault.stated("label", term, name=labels[0]))
         elif holes:
             faults.append(lacking(term, holes[0], rows))
     return faults
@@ -250,10 +256,10 @@ def _covariates_of_groups(
         try:
             of_slope = Covariates([term.slope], rows, reference_mass_kg)
         except Exception:  # as in `resolve`
-            faults.append(Fault.stated("no-slope", term, mendable=True))
+            faults.append(Fault.stated("no-slope", term))
             continue
         if of_slope.names not in ([term.slope.replace("`", "")], [term.slope]):
-            faults.append(Fault.stated("slope-of-category", term, mendable=True, slope=term.slope))
+            faults.append(Fault.stated("slope-of-category", term, slope=term.slope))
         elif not _is_finite(of_slope.columns):
             faults.append(Fault.stated("infinite-slope", term, slope=term.slope))
         else:
@@ -267,7 +273,12 @@ def _is_finite(columns: np.ndarray) -> bool:
 
 
 def _aliased(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list[Fault]:
-    """Group terms whose levels are told by the terms of categories alone, text or in ``C()``."""
+    """Group terms whose levels the terms of categories alone determine, text or in ``C()``.
+
+    With Z of the levels and X of an intercept and the categories, that is rank [X, Z] = rank X: effects of
+    the levels are combinations of the categories'. What the categories do could then be told from what the
+    levels do by the prior of their spread alone.
+    """
 
     def is_category(term: str) -> bool:
         coded = categories_of_numbers(term)
@@ -275,7 +286,24 @@ def _aliased(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list[F
 
     of_categories = [i for i, term in enumerate(covariates.terms) if is_category(term)]
     names = [" and ".join(sorted(terms.common[covariates.terms[i]])) for i in of_categories]
-    return aliased(terms.groups, covariates.columns[:, of_categories], names, rows)
+    columns = covariates.columns[:, of_categories]
+    X = np.column_stack([np.ones(len(rows)), columns])
+    X = X / np.linalg.norm(X, axis=0)
+    faults = []
+    for term in terms.groups:
+        grouping = grouping_of(rows, term.factors)
+        if term.slope or not names or len(grouping.levels) > len(X.T):
+            continue
+        levels = (grouping.code[:, None] == np.arange(len(grouping.levels))).astype(float)
+        left = levels - X @ np.linalg.lstsq(X, levels, rcond=None)[0]
+        if np.linalg.norm(left, axis=0).max() > PRECISION:
+            continue
+        first = columns[np.unique(grouping.code, return_index=True)[1]]
+        within = np.abs(columns - first[grouping.code]).max(axis=0) <= PRECISION
+        constant_names = [name for name, constant in zip(names, within, strict=True) if constant]
+        categories = " and ".join(dict.fromkeys(constant_names or names))
+        faults.append(Fault.stated("categories", term, grouping=term.grouping, categories=categories))
+    return faults
 
 
 def _tied(terms: Terms) -> list[Fault]:
@@ -306,7 +334,7 @@ def _unusable(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> lis
         try:
             Covariates([term], rows, reference_mass_kg)
         except Exception:  # as above
-            faults.append(Fault.stated("unusable", term, mendable=True))
+            faults.append(Fault.stated("unusable", term))
     # Terms that fail together only: none can be blamed alone.
     return faults or [Fault.stated("together", term) for term in terms.common]
 

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayestissue.base.declarations import sentences
+from bayestissue.base.declarations import declared, filled
 from bayestissue.model.hierarchy.formulas.group_terms import (
     MASS_TERM,
     TRIAL,
@@ -39,7 +39,7 @@ _PLURALS = {"person": "people", "condition": "conditions"}
 # Of two levels the squared correlation with the log of mass from which one can't be told from the other: at
 # masses of 1 and 2, weights that scatter by less than 1 % within a level.
 _SAME_AS_MASS = 0.999
-_SAID = sentences(__package__)
+_FAULTS = declared(__package__, "sentences.toml")
 
 
 @dataclass(frozen=True)
@@ -60,10 +60,10 @@ class Fault:
     mendable: bool = False
 
     @classmethod
-    def stated(cls, key: str, term: object, /, *, mendable: bool = False, **words: object) -> Self:
+    def stated(cls, key: str, term: object, /, **words: object) -> Self:
         """A term that these rows can't tell for the reason of this key of ``sentences.toml``."""
-        expected, reason = (_SAID(f"{key}.{part}", **words) for part in ("expected", "reason"))
-        return cls(str(term), expected, reason, mendable)
+        expected, reason = (filled(_FAULTS[key][part], **words) for part in ("expected", "reason"))
+        return cls(str(term), expected, reason, _FAULTS[key].get("mendable", False))
 
 
 def missing(column: pd.Series) -> pd.Series:
@@ -73,18 +73,14 @@ def missing(column: pd.Series) -> pd.Series:
 
 def no_columns(term: object, strange: Sequence[str], usable: Sequence[str]) -> Fault:
     """A term of columns that there are not."""
-    return Fault.stated(
-        "no-column", term, mendable=True, usable=", ".join(usable), strange=no_column(strange, usable)
-    )
+    return Fault.stated("no-column", term, usable=", ".join(usable), strange=no_column(strange, usable))
 
 
 def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
     """A term of a column that is missing in some impacts."""
     without = rows.loc[missing(rows[column]), "impact" if "impact" in rows else column]
     where = f", such as impact {without.iloc[0]}" if "impact" in rows else ""
-    return Fault.stated(
-        "missing", term, mendable=True, column=column, without=len(without), of=len(rows), where=where
-    )
+    return Fault.stated("missing", term, column=column, without=len(without), of=len(rows), where=where)
 
 
 def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
@@ -114,18 +110,13 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
             faults.append(Fault.stated("taken", term, taken=", ".join(taken[1:])))
         elif holes:
             faults.append(lacking(str(term), holes[0], rows))
-        elif same := _shared_labels(grouping_of(rows, term.factors)):
-            faults.append(Fault.stated("same-label", term, same=same[0]))
+        # Levels a:b and c, and a and b:c, would have one name.
+        elif (labels := pd.Series(grouping_of(rows, term.factors).levels)).duplicated().any():
+            faults.append(Fault.stated("same-label", term, same=labels[labels.duplicated()].iloc[0]))
         elif term.stem in stems:
             faults.append(Fault.stated("same-name", term, stem=term.stem))
         stems.add(term.stem)
     return faults
-
-
-def _shared_labels(grouping: Grouping) -> list[str]:
-    """What several levels would be called, as a:b and c, and a and b:c."""
-    labels = pd.Series(grouping.levels)
-    return list(labels[labels.duplicated()])
 
 
 def unidentified(values: Mapping[GroupTerm, Float[np.ndarray, " row"]], rows: pd.DataFrame) -> list[Fault]:
@@ -142,42 +133,6 @@ def unidentified(values: Mapping[GroupTerm, Float[np.ndarray, " row"]], rows: pd
     }
     left = {term: x for term, x in values.items() if by_itself[term] is None}
     return [*filter(None, by_itself.values()), *_alike(left, groupings)]
-
-
-def aliased(
-    groups: Sequence[GroupTerm],
-    columns: Float[np.ndarray, "row column"],
-    names: Sequence[str],
-    rows: pd.DataFrame,
-) -> list[Fault]:
-    """Terms whose levels categories determine: effects of the levels are combinations of the categories'.
-
-    With Z of the levels and X of an intercept and the categories, that is rank [X, Z] = rank X. What the
-    categories do could then be told from what the levels do by the prior of their spread alone.
-
-    Args:
-        groups: the terms.
-        columns: of the covariates that are categories.
-        names: of each of these columns the column of the data.
-        rows: one an impact.
-    """
-    X = np.column_stack([np.ones(len(rows)), columns])
-    X = X / np.linalg.norm(X, axis=0)
-    faults = []
-    for term in groups:
-        grouping = grouping_of(rows, term.factors)
-        if term.slope or not names or len(grouping.levels) > len(X.T):
-            continue
-        levels = (grouping.code[:, None] == np.arange(len(grouping.levels))).astype(float)
-        left = levels - X @ np.linalg.lstsq(X, levels, rcond=None)[0]
-        if np.linalg.norm(left, axis=0).max() > PRECISION:
-            continue
-        first = columns[np.unique(grouping.code, return_index=True)[1]]
-        within = np.abs(columns - first[grouping.code]).max(axis=0) <= PRECISION
-        constant_names = [name for name, constant in zip(names, within, strict=True) if constant]
-        categories = " and ".join(dict.fromkeys(constant_names or names))
-        faults.append(Fault.stated("categories", term, grouping=term.grouping, categories=categories))
-    return faults
 
 
 def confounded_with_mass(term: GroupTerm, rows: pd.DataFrame) -> Fault | None:
@@ -230,16 +185,8 @@ def _alike(
         same = next((t for t in independent if _same_levels(term, t, groupings)), None)
         if same:
             (mine, several_mine), (its, several_its) = _words(term), _words(same)
-            faults.append(
-                Fault.stated(
-                    "same-levels",
-                    term,
-                    mine=mine,
-                    its=its,
-                    several_mine=several_mine,
-                    several_its=several_its,
-                )
-            )
+            several = {"several_mine": several_mine, "several_its": several_its}
+            faults.append(Fault.stated("same-levels", term, mine=mine, its=its, **several))
         else:
             others = ", ".join(map(str, independent))
             faults.append(Fault.stated("combined", term, grouping=term.grouping, others=others))

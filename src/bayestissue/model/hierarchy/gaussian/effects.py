@@ -137,17 +137,10 @@ class SitesByCell:
         return integrate_effects(self.design, covariances, self.sums(covariances))
 
 
-def log_density_of_cells(
-    design: PopulationDesign, covariances: Covariances, sums: GaussianFactor
-) -> Float[Array, ""]:
-    """Log density of all data, b integrated out; arguments as of `integrate_effects`."""
-    return integrate_effects(design, covariances, sums)[1]
-
-
 def integrate_effects(
     design: PopulationDesign, covariances: Covariances, sums: GaussianFactor
 ) -> tuple[EffectsPosterior, Float[Array, ""]]:
-    """What is needed to draw b, and `log_density_of_cells`.
+    """What is needed to draw b, and the log density of all data, b integrated out.
 
     Args:
         design: X, arranged.
