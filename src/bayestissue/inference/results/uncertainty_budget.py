@@ -30,11 +30,10 @@ from bayestissue.inference.results.error_sources import (
     NOISE,
     trace_errors,
 )
-from bayestissue.model.hierarchy.derived import formula_quantities, labelled_draws, typical_covariates
+from bayestissue.model.hierarchy.derived import typical_covariates, typical_logs
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.model.hierarchy.gaussian.effects import Covariances
-from bayestissue.model.hierarchy.levels import design_at
 from bayestissue.model.hierarchy.population import MASS_ERROR, Hyperparameters
 from bayestissue.model.hierarchy.responses import RESPONSES, intercept
 from bayestissue.model.hierarchy.trace_data import Prepared
@@ -105,9 +104,7 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
         _shares(IMPACT, _with_masses({name: np.asarray(of_impacts[name]) for name in known}, draws), drawn),
         _shares(TRACE, _of_traces(part.model, measured)),
     ]
-    named = labelled_draws(prepared.design, formula_quantities(prepared.design, draws.population))
-    of_person = [design_at(prepared.design.recorded, q, [{}]).log(named) for q in RESPONSES]
-    typical = np.var(of_person, axis=(1, 2, 3))
+    typical = np.array([np.var(typical_logs(prepared.design, draws.population, q)) for q in RESPONSES])
     means: Account = {PERSON_AND_CONDITION: typical}
     if not many:
         # Variances of means are linear in those of the hyperparameters, whose posteriors have long tails.

@@ -109,6 +109,12 @@ def typical_covariates(design: Design, response: str) -> np.ndarray:
     return np.array([typical.covariates[name][0] for name in part.names]) / part.scale
 
 
+def typical_logs(design: Design, population: Draws, response: str) -> np.ndarray:
+    """The log of a typical person's response at the reference mass, [chain, draw]."""
+    draws = labelled_draws(design, formula_quantities(design, population))
+    return design_at(design.recorded, response, [{}]).log(draws)[..., 0]
+
+
 def labelled_draws(design: Design, quantities: Draws) -> xr.Dataset:
     """What `formula_quantities` has, with the levels of each group term's effects."""
     levels = {term.variable(q): term.grouping for q, part in design.responses.items() for term in part.terms}

@@ -26,6 +26,7 @@ from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import EffectParts, covariances_of, population_design
 from bayestissue.model.hierarchy.priors import Normal, Priors
 from bayestissue.model.hierarchy.specification import Formulas
+from bayestissue.model.likelihood.small import LOG_2PI
 
 # Of what plays the part of the mass; log(mass_kg) is the covariate of a slope.
 REFERENCE = 0.8
@@ -107,7 +108,7 @@ def least_objective(
     def objective(at: Array) -> Array:
         sd = dict(zip(names, jnp.exp(at[: len(names)]), strict=True))
         left = jnp.asarray(y) - X @ at[len(names) :]
-        return -2 * integrate_effects(*exactly_estimated(population, left, sd))[1] + count * np.log(2 * np.pi)
+        return -2 * integrate_effects(*exactly_estimated(population, left, sd))[1] + count * LOG_2PI
 
     def value_and_slope(at: Float[np.ndarray, " parameter"]) -> tuple[float, Float[np.ndarray, " parameter"]]:
         value, slope = objective(jnp.asarray(at))

@@ -196,10 +196,8 @@ def leave_one_out(model: EstimatesModel, data: EstimatesData, y: Coordinates) ->
     rows = _rows(data, covariances, data.scatter)
 
     # By Fisher's identity the slopes are the moments of X b, less its prior mean.
-    def density(sums: GaussianFactor) -> Array:
-        return integrate_effects(data.design, covariances, sums)[1]
-
-    slopes = jax.grad(density)(_sums(data, rows))
+    slopes_at = jax.grad(lambda sums: integrate_effects(data.design, covariances, sums)[1])
+    slopes = slopes_at(_sums(data, rows))
     # The density reads one half of each precision alone.
     squares = -(slopes.precision + slopes.precision.swapaxes(0, 1))[..., data.design.cell]
     moved = slopes.shift[:, data.design.cell]
