@@ -42,6 +42,7 @@ def test_a_formula_is_read_and_written_as_it_is_meant(formula: str, read_as: str
         ("(1|session) + (1|day)", "every session has one day", "(1|session)"),
         ("(age|subject)", "age has one value in every subject", "(1|subject)"),
         ("(side|subject)", "side is a category", ""),
+        ("(center(room)|subject)", "there is no center()", ""),
         ("(1|hole)", "hole is missing in 5 of 48 impacts, such as impact i0", ""),
         ("(1|sample)", "rename the column", "1"),
         ("(1|subject:side) + (1|side:subject)", "(1|side:subject) is asked for twice", "(1|subject:side)"),

@@ -226,15 +226,16 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
     usable = [name for name in rows.columns if name != "impact"]
     faults = []
     for group in terms.groups:
-        if strange := sorted(terms.slopes.get(group.slope, frozenset()) - set(usable)):
+        if called := _no_functions(group.slope):
+            faults.append(Fault.stated("no-function", group, name=called[0]))
+        elif strange := sorted(terms.slopes.get(group.slope, frozenset()) - set(usable)):
             faults.append(no_columns(group, strange, usable))
     for term, variables in terms.common.items():
         strange = sorted(variables - set(usable))
         labels = sorted(variables & set(LABELS))
         holes = [name for name in sorted(variables & set(usable)) if missing(rows[name]).any()]
-        unknown = sorted({*_CALLED.findall(_QUOTED.sub("", term))} - {*FUNCTIONS, "C", "I"})
-        if unknown:
-            faults.append(Fault.stated("no-function", term, name=unknown[0]))
+        if called := _no_functions(term):
+            faults.append(Fault.stated("no-function", term, name=called[0]))
         elif strange:
             faults.append(no_columns(term, strange, usable))
         elif labels:
@@ -242,6 +243,11 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
         elif holes:
             faults.append(lacking(term, holes[0], rows))
     return faults
+
+
+def _no_functions(term: str) -> list[str]:
+    """The names of what a term calls that there is not."""
+    return sorted({*_CALLED.findall(_QUOTED.sub("", term))} - {*FUNCTIONS, "C", "I"})
 
 
 def _covariates_of_groups(
