@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from bayestissue.reports.pages.fit import trace_predictions
-from bayestissue.reports.pages.fit.words import sentence
+from bayestissue.reports.pages.page import worded
 from make_fit_run import fit_run
 from page_reader import unpacked
 
@@ -76,10 +76,10 @@ def test_what_is_carried_of_a_recording_is_it_to_half_a_step(run) -> None:
 
 
 def test_where_recordings_are_too_many_some_are_carried_and_the_page_says_so(run, monkeypatch) -> None:
-    assert sentence("carried", run) == ""
+    assert worded("fit", "carried", run) == ""
     monkeypatch.setattr(trace_predictions, "MOST_VALUES", 3 * 22 * 6)
     assert len(trace_predictions.carried(run)) == 3
-    assert "Recordings of 3 of 12 impacts" in sentence("carried", run)
+    assert "Recordings of 3 of 12 impacts" in worded("fit", "carried", run)
 
 
 @needs_browser

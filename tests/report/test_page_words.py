@@ -13,7 +13,7 @@ import pytest
 from bayestissue import Fit
 from bayestissue.reports.pages.fit import answers, checks, groups, method_agreement
 from bayestissue.reports.pages.fit.fit_page import page_of
-from bayestissue.reports.pages.fit.words import sentence, sentences
+from bayestissue.reports.pages.page import worded, written
 from bayestissue.reports.paper import text
 from make_fit_run import changed, fit_run
 from page_reader import first_screen, plain, require_whole, section
@@ -21,7 +21,7 @@ from page_reader import first_screen, plain, require_whole, section
 # The modules of the table's expressions, by their names.
 MODULES = {
     module.__name__.rpartition(".")[2]: module for module in (answers, checks, groups, method_agreement, text)
-} | {"sentence": sentence, "sentences": sentences}
+} | {"worded": worded, "written": written}
 PAGES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 

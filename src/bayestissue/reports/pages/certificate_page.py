@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,7 +30,6 @@ def certificate_html(record: Mapping[str, Any], tables: Mapping[str, pd.DataFram
     """The HTML of a certificate: the content of ``run.json``, and its tables by name."""
     return render_page(
         "certificate.html",
-        page=sys.modules[__name__],
         nouns=nouns_of(record, names_in(tables["calibration"])),
         record=record,
         calibration=tables["calibration"],

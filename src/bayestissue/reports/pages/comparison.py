@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,6 @@ from bayestissue.inference.results.meanings import NAMES, UNITS, heading_words, 
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.reports.figures.intervals import intervals, with_error_of
 from bayestissue.reports.figures.theme import Figure
-from bayestissue.reports.pages import posterior
 from bayestissue.reports.pages.page import render_page
 from bayestissue.reports.pages.page_tables import Table, settings_table, table_of_cells
 from bayestissue.reports.pages.wording import (
@@ -157,8 +155,6 @@ def page_of(tables: Mapping[str, pd.DataFrame], record: dict[str, Any]) -> str:
     )
     return render_page(
         "comparison.html",
-        page=sys.modules[__name__],
-        posterior=posterior,
         nouns=nouns_of(record, names),
         codes=codes_in(*comparison["warning"]),
         record=record,

@@ -7,6 +7,8 @@ import hashlib
 import re
 from collections.abc import Callable, Iterable
 from functools import cache
+from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import jinja2
@@ -123,19 +125,20 @@ def part(template: str) -> Any:
     return _environment().get_template(template).module
 
 
-def written(template: str, macro: str, *values: Any, **asked: Any) -> list[str]:
-    """The paragraphs that a macro of ``words/TEMPLATE.jinja`` writes, which a blank line tells apart.
-
-    ``asked`` are modules, by the names that the macros call them.
-    """
-    module = _environment().get_template(f"words/{template}.jinja").make_module(asked)
-    paragraphs = re.split(r"\n\s*\n", str(getattr(module, macro)(*values)))
+def written(template: str, macro: str, *values: Any) -> list[str]:
+    """The paragraphs that a macro of ``words/TEMPLATE.jinja`` writes, which a blank line tells apart."""
+    paragraphs = re.split(r"\n\s*\n", str(getattr(part(f"words/{template}.jinja"), macro)(*values)))
     return [re.sub(r" *\n *", " ", text.strip()) for text in paragraphs if text.strip()]
 
 
 def worded(template: str, macro: str, *values: Any) -> str:
     """The same as one text."""
     return " ".join(written(template, macro, *values))
+
+
+def _module(name: str) -> ModuleType:
+    """A module of `bayestissue.reports`, such as ``pages.fit.answers``."""
+    return import_module(f"bayestissue.reports.{name}")
 
 
 def script(name: str) -> Markup:
@@ -175,7 +178,7 @@ def _environment() -> jinja2.Environment:
         environment.filters[words.__name__] = words
     for draw in (again, drawn):
         environment.filters[draw.__name__] = _in_the_pages_nouns(draw)
-    environment.globals["script"] = script
-    environment.globals["tables"] = page_tables
-    environment.globals["remedies"] = entries()
+    # A template asks the modules that it names for numbers, tables and figures.
+    asked = {"module": _module, "worded": worded, "written": written}
+    environment.globals |= asked | {"script": script, "tables": page_tables, "remedies": entries()}
     return environment

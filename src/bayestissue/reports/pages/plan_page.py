@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -62,7 +61,6 @@ def page_of(content: Mapping[str, Any], designs: pd.DataFrame, record: Mapping[s
     goals = list(chosen["goals"])
     return render_page(
         "plan.html",
-        page=sys.modules[__name__],
         nouns=nouns_of_plan(content),
         codes=codes_in(content["warning"]),
         record=record,

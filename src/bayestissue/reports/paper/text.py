@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +18,6 @@ from bayestissue.inference.checking.findings import findings
 from bayestissue.inference.results.meanings import TOGETHER, meaning, outcome_name
 from bayestissue.reports.pages.fit import answers, study_answers
 from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.fit.words import modules, sentence, sentences
 from bayestissue.reports.pages.page import written
 from bayestissue.reports.pages.posterior import QUANTITIES, exponent, levels, spread
 from bayestissue.reports.pages.wording import Spread, listed
@@ -77,11 +74,10 @@ def text_of(run: FitRun, asked: Study | None = None) -> Text:
     results. Where the fit does not have something, such as repeats or a mass exponent, nothing is said of it.
     """
     text = Text(f"Methods and results: {run.record['dataset']}", nouns=run.nouns)
-    used: dict[str, Any] = {"text": sys.modules[__name__], "said": sentence, "paragraphs_of": sentences}
     further = {"computation": text.cite, "repeatability": text.cite, "results": asked}
     for heading, macro in _SECTIONS.items():
         values = [further[macro]] if macro in further else []
-        if paragraphs := written("methods", macro, run, *values, **used, **modules()):
+        if paragraphs := written("methods", macro, run, *values):
             text.sections[heading] = [run.nouns(words) for words in paragraphs]
     if not run.undescribed:
         text.table = _table(run).map(run.nouns)

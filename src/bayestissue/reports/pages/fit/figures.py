@@ -27,7 +27,7 @@ from bayestissue.reports.pages.fit.method_agreement import (
     method_values,
     shown_rows,
 )
-from bayestissue.reports.pages.fit.words import sentence
+from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.posterior import (
     QUANTITIES,
@@ -95,7 +95,7 @@ def first(run: FitRun, quantity: str) -> Iterator[tuple[str, Figure, str]]:
 
     Who differs, and the dependence on mass; every impact in order where one of them can't be.
     """
-    several, about = bool(answers.compared(run, quantity)), sentence("who", run, quantity)
+    several, about = bool(answers.compared(run, quantity)), worded("fit", "who", run, quantity)
     in_order = f"{quantity}-of-impacts", impacts(run, "order", quantity)
     if several or len(run.impacts) == 1:
         yield f"{quantity}-of-whom", who(run, quantity), about
@@ -105,10 +105,10 @@ def first(run: FitRun, quantity: str) -> Iterator[tuple[str, Figure, str]]:
         yield (
             f"{quantity}-over-mass",
             mass(run, quantity, thesis=True),
-            sentence("mass_at_once", run, quantity),
+            worded("fit", "mass_at_once", run, quantity),
         )
     elif several:
-        yield *in_order, sentence("scatter", run, quantity)
+        yield *in_order, worded("fit", "scatter", run, quantity)
 
 
 def sides(run: FitRun) -> list[str]:

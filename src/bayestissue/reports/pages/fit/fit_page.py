@@ -14,7 +14,6 @@ from bayestissue.reports.figures.impacts import factors
 from bayestissue.reports.pages import posterior
 from bayestissue.reports.pages.fit import answers, trace_predictions
 from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.fit.words import modules, sentence, sentences
 from bayestissue.reports.pages.page import render_page
 
 
@@ -57,8 +56,5 @@ def page_of(run: FitRun, **served: Any) -> str:
             for quantity in dict.fromkeys((*answers.answering(run).values(), posterior.OWN_DEPTH))
             if run.has(f"mass_exponent_{quantity}")
         ],
-        **modules(),
-        said=sentence,
-        paragraphs_of=sentences,
         **served,
     )

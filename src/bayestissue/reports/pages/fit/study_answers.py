@@ -14,7 +14,7 @@ from bayestissue.inference.results.meanings import ICC, MDC, MOSTLY, REPEATS, SE
 from bayestissue.recordings.dataset.impact_table import SESSIONS
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.groups import groupings
-from bayestissue.reports.pages.fit.words import sentence
+from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of, table_of_cells
 from bayestissue.reports.pages.posterior import QUANTITIES
@@ -70,7 +70,7 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
                 "ratios": [(row["quantity"], Spread.of(row, "ratio")) for row in shown],
                 "outcomes": in_outcomes,
                 "first_outcome": in_outcomes[:1],
-                "words": sentence("contrast", shown, percent(equivalence(run)), parts, ALSO),
+                "words": worded("fit", "contrast", shown, percent(equivalence(run)), parts, ALSO),
             }
         )
     return contrasts[: LIMITS.comparisons]
