@@ -18,7 +18,7 @@ from bayestissue.reports.pages.fit.method_agreement import COVERAGE
 from bayestissue.reports.pages.page_settings import LIMITS, WORTH
 from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of, table_of_cells
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.wording import listed, number, percent, relative
+from bayestissue.reports.pages.wording import listed, percent, relative
 
 if TYPE_CHECKING:
     from bayestissue.mechanics.elements.element import Element
@@ -98,23 +98,22 @@ def declared_sds(run: FitRun) -> list[str]:
 
 def left_out_summary(run: FitRun) -> Table:
     """Per scheme of leaving out: summed log predictive density, its standard error, and Pareto k."""
-
-    def high(part: pd.DataFrame) -> list[str]:
-        return [str(label) for label in part.loc[part["warning"] != "", "label"]]
-
-    def which(part: pd.DataFrame) -> str:
-        return listed(high(part)[:12]) + (" and others" if len(high(part)) > 12 else "")
-
+    rows = []
+    for scheme, part in run.cross_validation.groupby("scheme", sort=False):
+        high = part.loc[part["warning"] != "", "label"].astype(str).to_list()
+        row = {"scheme": scheme, "parts": len(part), "high": len(high), "k": part["pareto_k"].max()}
+        row |= {"elpd": part["elpd"].sum(), "se": np.sqrt(len(part)) * part["elpd"].std(ddof=1)}
+        rows.append(row | {"which": listed(high[:12]) + (" and others" if len(high) > 12 else "")})
     return table_of(
-        [part for _, part in run.cross_validation.groupby("scheme", sort=False)],
-        Field("scheme", lambda part: str(part["scheme"].iloc[0])),
-        Field("parts", lambda part: str(len(part)), "number"),
-        Field("elpd (nats)", lambda part: number(part["elpd"].sum(), 0), "number"),
-        Field("se", lambda part: number(np.sqrt(len(part)) * part["elpd"].std(ddof=1), 0), "number"),
-        Field("largest Pareto k", lambda part: number(part["pareto_k"].max(), 2), "number"),
-        Field("k above 0.7", lambda part: str(len(high(part))), "number"),
-        Field("which", which, "words"),
-        mark=lambda part: "disagrees" if high(part) else "",
+        rows,
+        Field("scheme"),
+        Field("parts", "printed"),
+        Field("elpd (nats)", ".0", of=["elpd"], missing="not known"),
+        Field("se", ".0", missing="not known"),
+        Field("largest Pareto k", ".2", of=["k"], missing="not known"),
+        Field("k above 0.7", "printed", of=["high"]),
+        Field("which", "words"),
+        mark=lambda row: "disagrees" if row["high"] else "",
     )
 
 
@@ -154,9 +153,8 @@ _NAMES = {
     "people": "people",
     "conditions": "conditions",
     "person and condition": "rest of person and condition",
-    "priors": "priors",
 }
-_ALL, _DRAWN = "all", "as drawn"
+_ALL, _DRAWN, _PRIORS = "all", "as drawn", "priors"
 # Half a 90 % interval of a normal, in its standard deviations.
 _HALF = NormalDist().inv_cdf(0.95)
 
@@ -184,11 +182,9 @@ def sources_table(run: FitRun) -> Table:
 
 def _source_names(sources: pd.DataFrame) -> dict[str, str]:
     """The sources in the order of the page, further group terms as the model file has them before priors."""
-    known = {*_NAMES, _ALL, _DRAWN}
-    further = {str(name): str(name) for name in dict.fromkeys(sources["source"]) if name not in known}
-    return (
-        {name: words for name, words in _NAMES.items() if name != "priors"} | further | {"priors": "priors"}
-    )
+    known = (*_NAMES, _ALL, _DRAWN, _PRIORS)
+    further = [str(name) for name in sources["source"].unique() if name not in known]
+    return _NAMES | {name: name for name in (*further, _PRIORS)}
 
 
 def source_levels(run: FitRun) -> dict[str, str]:

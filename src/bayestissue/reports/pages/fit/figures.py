@@ -137,14 +137,11 @@ def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
         rows = quantiles(run.draws(variable), run.labels(f"subject:{column}"))
         rows[["person", "level"]] = [str(label).rsplit(":", 1) for label in rows["label"]]
     else:
-        logs = np.log(table[COLUMNS[quantity]]).groupby([table["person"], table[factor]]).mean()
-        rows = np.exp(logs).rename("median").rename_axis(["person", "level"]).reset_index()
-        rows[["eti90_low", "eti90_high"]] = np.nan
+        rows = _geometric_means(table[COLUMNS[quantity]], table["person"], table[factor].rename("level"))
     if mean := run.of_levels(quantity, column):
         means = quantiles(run.draws(mean), run.labels(column)).rename(columns={"label": "level"})
     else:
-        values = np.exp(np.log(rows["median"]).groupby(rows["level"]).mean())
-        means = values.rename_axis("level").reset_index().assign(eti90_low=np.nan, eti90_high=np.nan)
+        means = _geometric_means(rows["median"], rows["level"])
     return study_comparisons.paired(
         rows[["person", "level", "median", "eti90_low", "eti90_high"]],
         means[["level", "median", "eti90_low", "eti90_high"]],
@@ -152,6 +149,12 @@ def paired(run: FitRun, quantity: str = "K", factor: str = "side") -> Figure:
         axis_title(quantity, run.names),
         said("figures.paired", name=run.names[quantity], factor=factor),
     )
+
+
+def _geometric_means(values: pd.Series, *by: pd.Series) -> pd.DataFrame:
+    """A row for each combination of levels: the ``median`` in figures, without an interval."""
+    means = np.exp(np.log(values).groupby(list(by)).mean())
+    return means.rename("median").reset_index().assign(eti90_low=np.nan, eti90_high=np.nan)
 
 
 def repeats(run: FitRun, quantity: str) -> pd.DataFrame:
@@ -205,19 +208,18 @@ def methods(run: FitRun, quantity: str) -> Figure:
 def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
     """K (or C) over mass on log scales: impacts, conditions, the posterior line, exponents 0 and 1."""
     masses = run.constant("mass_kg")
-    trial = run.constant("impact_trial").astype(str)
-    at = np.exp(pd.Series(np.log(masses)).groupby(trial).mean().reindex(run.labels("trial")))
+    trial = pd.Series(run.constant("impact_trial").astype(str), name="label")
+    at = _geometric_means(pd.Series(masses), trial).set_index("label")["median"]
     whose = answers.person_words(run)["typical"]
     if variable := run.of_levels(quantity, "trial"):
         conditions = quantiles(run.draws(variable), run.labels("trial"))
     else:
         # Of K_secant there are the recorded impacts alone.
-        logs = pd.Series(np.log(run.estimates_by_method[quantity]["median"].to_numpy())).groupby(trial).mean()
-        median = np.exp(logs.reindex(run.labels("trial")).to_numpy())
-        conditions = pd.DataFrame({"label": run.labels("trial"), "median": median})
-        conditions[["eti90_low", "eti90_high"]] = np.nan
+        medians = run.estimates_by_method[quantity]["median"].reset_index(drop=True)
+        conditions = _geometric_means(medians, trial)
+        conditions = conditions.set_index("label").reindex(run.labels("trial")).reset_index()
         whose = "mean of impacts"
-    conditions = conditions.assign(mass_kg=np.asarray(at))
+    conditions = conditions.assign(mass_kg=at.reindex(run.labels("trial")).to_numpy())
     dds = run.point_estimates[["impact", "mass_kg", COLUMNS[quantity]]].rename(
         columns={COLUMNS[quantity]: "value"}
     )

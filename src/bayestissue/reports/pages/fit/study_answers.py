@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -148,40 +149,39 @@ def _of_outcomes(contrasts: pd.DataFrame) -> pd.DataFrame:
 _COMPARED = (Field("of", of=["factor"]), Field("comparison", "over", of=["level", "against"]))
 
 
-def repeatability(run: FitRun) -> list[tuple[str, list[Spread], Spread | None]]:
-    """Of K and of C the least change that shows, all else the same, and the ICC(A,1)."""
-    cells = _by_place(run.reliability)
-    answers: list[tuple[str, list[Spread], Spread | None]] = []
-    for q in QUANTITIES:
-        changes = [
-            Spread.of(row) for key, row in cells.items() if (key[0], key[1], key[3]) == (q, MDC, _PERCENT)
-        ]
-        icc = cells.get((q, ICC, "ICC(A,1)", "1"))
-        answers.append((q, changes[:1], Spread.of(icc) if icc else None))
-    return answers
-
-
 _PERCENT = "%"
+
+
+def _coefficients(
+    run: FitRun, quantity: str, measure: str, unit: str = "1", form: str = ""
+) -> list[dict[Any, Any]]:
+    """The rows of a measure of K or C in a unit, of one ``form`` unless it is empty."""
+    rows = run.reliability
+    chosen = (rows["quantity"] == quantity) & (rows["measure"] == measure) & (rows["unit"] == unit)
+    return rows[chosen & ((rows["form"] == form) | (not form))].to_dict("records")
+
+
+def _spreads(run: FitRun, *which: str) -> list[Spread]:
+    return [Spread.of(row) for row in _coefficients(run, *which)]
+
+
+def repeatability(run: FitRun) -> list[tuple[str, list[Spread], list[Spread]]]:
+    """Of K and of C the least change that shows, all else the same, and the ICC(A,1), where there is one."""
+    return [
+        (q, _spreads(run, q, MDC, _PERCENT)[:1], _spreads(run, q, ICC, "1", "ICC(A,1)")) for q in QUANTITIES
+    ]
 
 
 def reliability_table(run: FitRun) -> Table:
     """A row a coefficient, columns of K and C."""
-    units = {"N/m": "units", "N s/m": "units"}
+    units = {"N/m": "N/m, N s/m", "N s/m": "N/m, N s/m", "1": ""}
     coefficients = run.reliability.assign(unit=run.reliability["unit"].replace(units))
-    cells = _by_place(coefficients)
     rows = []
-    for measure, form, unit in dict.fromkeys(key[1:] for key in cells):
-        pairs = [_cells(cells.get((q, measure, form, unit))) for q in QUANTITIES]
-        shown = {"units": "N/m, N s/m", "1": ""}.get(unit, unit)
-        rows.append((measure, form, shown, *(text for pair in pairs for text in pair)))
+    for place, part in coefficients.groupby(["measure", "form", "unit"], sort=False):
+        by_quantity = part.set_index("quantity", drop=False).to_dict("index")
+        rows.append((*place, *(text for q in QUANTITIES for text in _cells(by_quantity.get(q)))))
     titles = ("measure", "form", "unit", "K", "K, 90 %", "C", "C, 90 %")
     return table_of_cells(rows, *titles, number=titles[3:], words=titles[:1])
-
-
-def _by_place(table: pd.DataFrame) -> dict[tuple[str, str, str, str], dict[Any, Any]]:
-    """The rows by quantity, measure, form and unit."""
-    names = ("quantity", "measure", "form", "unit")
-    return {(*(str(row[name]) for name in names),): row for row in table.to_dict("records")}  # type: ignore[misc]
 
 
 def _cells(row: dict[Any, Any] | None) -> tuple[str, str]:
@@ -189,14 +189,16 @@ def _cells(row: dict[Any, Any] | None) -> tuple[str, str]:
         return "", ""
     coefficient = Spread.of(row)
     if row["measure"] == REPEATS:
-        return _whole(coefficient.median), f"{_whole(coefficient.low)} to {_whole(coefficient.high)}"
+        median, low, high = (
+            number(value, 0) if np.isfinite(value) else "no number" for value in astuple(coefficient)
+        )
+        return median, f"{low} to {high}"
     if coefficient.low == coefficient.high:
         return number(coefficient.median, 2), "taken as known"
-    return coefficient.value, f"{coefficient.range}{', largely prior' if _largely_prior(row) else ''}"
-
-
-def _largely_prior(row: dict[Any, Any]) -> bool:
-    return bool(row["prior_overlap"] > MOSTLY)
+    return (
+        coefficient.value,
+        f"{coefficient.range}{', largely prior' if row['prior_overlap'] > MOSTLY else ''}",
+    )
 
 
 def largely_prior(run: FitRun) -> list[tuple[list[str], list[str], bool]]:
@@ -204,24 +206,15 @@ def largely_prior(run: FitRun) -> list[tuple[list[str], list[str], bool]]:
 
     Last, whether consistency is among them: agreement alone is no wonder where conditions are few.
     """
-    rows = [
-        row
-        for row in run.reliability.to_dict("records")
-        if row["measure"] == ICC or (row["measure"] == SEM and row["unit"] == _PERCENT)
-    ]
-    vague = [row for row in rows if _largely_prior(row)]
-    overlaps = [percent(end(row["prior_overlap"] for row in vague)) for end in (min, max) if vague]
-    consistent = any(row["form"].startswith(("ICC(C", "consistency")) for row in vague)
-    return [([_name(row) for row in vague], list(dict.fromkeys(overlaps)), consistent)] if vague else []
-
-
-def _name(row: dict[Any, Any]) -> str:
-    form = str(row["form"]).split(", k")[0]
-    return f"{form if row['measure'] == ICC else f'{SEM} ({form})'} of {row['quantity']}"
-
-
-def _whole(value: float) -> str:
-    return number(value, 0) if np.isfinite(value) else "no number"
+    rows = run.reliability
+    errors = (rows["measure"] == SEM) & (rows["unit"] == _PERCENT)
+    vague = rows[((rows["measure"] == ICC) | errors) & (rows["prior_overlap"] > MOSTLY)]
+    if vague.empty:
+        return []
+    forms = vague["form"].str.split(", k").str[0]
+    named = forms.where(vague["measure"] == ICC, f"{SEM} (" + forms + ")") + " of " + vague["quantity"]
+    overlaps = dict.fromkeys(map(percent, vague["prior_overlap"].agg(["min", "max"])))
+    return [(list(named), list(overlaps), vague["form"].str.startswith(("ICC(C", "consistency")).any())]
 
 
 def measurement_errors(run: FitRun) -> list[tuple[str, list[float], list[str], list[list[Spread]]]]:
@@ -229,27 +222,27 @@ def measurement_errors(run: FitRun) -> list[tuple[str, list[float], list[str], l
 
     Last ICC(C,1), ICC(A,1) and the repeats for an ICC(A,k) of 0.9, where there are any.
     """
-    cells = _by_place(run.reliability)
-    errors: list[tuple[str, list[float], list[str], list[list[Spread]]]] = []
-    for q in dict.fromkeys(key[0] for key in cells if key[0] in QUANTITIES):
-        chain, person = (cells[q, SEM, form, _PERCENT]["median"] for form in ("measuring chain", "person"))
-        forms = [(ICC, "ICC(C,1)"), (ICC, "ICC(A,1)"), (REPEATS, "ICC(A,k) of 0.9")]
-        has_icc = (q, *forms[1], "1") in cells
-        icc = [[Spread.of(cells[q, measure, form, "1"]) for measure, form in forms]] if has_icc else []
-        errors.append((q, [chain, person], _changes(cells, q), icc))
+    forms = ((ICC, "ICC(C,1)"), (ICC, "ICC(A,1)"), (REPEATS, "ICC(A,k) of 0.9"))
+    errors = []
+    for q in run.reliability["quantity"].unique():
+        if q in QUANTITIES:
+            alone = [
+                _spreads(run, q, SEM, _PERCENT, form)[0].median for form in ("measuring chain", "person")
+            ]
+            icc = [one for measure, form in forms for one in _spreads(run, q, measure, "1", form)]
+            errors.append((q, alone, _changes(run, q), [icc] * bool(icc)))
     return errors
 
 
-def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> list[str]:
+def _changes(run: FitRun, q: str) -> list[str]:
     """The minimal detectable changes, each with what may vary between the two measurements."""
     changes: dict[str, str] = {}
-    for (quantity, measure, form, unit), row in cells.items():
-        if (quantity, measure, unit) == (q, MDC, _PERCENT):
-            change, varied = Spread.of(row), row["varies"].split(", ") if row["varies"] else []
-            where = f"where {listed(varied)} may differ" if varied else "all else the same"
-            _, between, means = form.partition(", ")
-            words = f"{change.value}\N{NO-BREAK SPACE}% ({change.range})"
-            changes.setdefault(f"{where}{' between ' if between else ''}{means}", words)
+    for row in _coefficients(run, q, MDC, _PERCENT):
+        change, varied = Spread.of(row), row["varies"].split(", ") if row["varies"] else []
+        where = f"where {listed(varied)} may differ" if varied else "all else the same"
+        _, between, means = row["form"].partition(", ")
+        words = f"{change.value}\N{NO-BREAK SPACE}% ({change.range})"
+        changes.setdefault(f"{where}{' between ' if between else ''}{means}", words)
     return [f"{words} {where}" for where, words in changes.items()]
 
 
