@@ -6,8 +6,10 @@ hundred times faster so than by a library of classes, which would check each of 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
 import pandas as pd
@@ -15,36 +17,15 @@ import pandas as pd
 type Specification = dict[str, Any]
 
 SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
-INK, MUTED, FAINT = "#1f2328", "#57606a", "#d0d7de"
-# Okabe and Ito's colours, but for yellow and orange, which are too pale on white.
-PALETTE = ("#0072B2", "#D55E00", "#007A5A", "#B0568A", "#000000", "#56B4E9", "#7A5C00")
+# Vega's configuration. A label at the end of an axis reaches beyond it, hence the padding; the colours are
+# Okabe and Ito's, but for yellow and orange, which are too pale on white.
+_CONFIG: Specification = json.loads(files(__package__).joinpath("theme.json").read_text(encoding="utf-8"))
+INK, MUTED, FAINT = _CONFIG["axis"]["labelColor"], _CONFIG["axis"]["tickColor"], "#d0d7de"
+PALETTE: tuple[str, ...] = (*_CONFIG["range"]["category"],)
 POSTERIOR, RECORDED = PALETTE[:2]
 
-_FONT = 'system-ui, "Segoe UI", "Liberation Sans", "DejaVu Sans", sans-serif'
 # No label is cut: a long name loses its middle, and stands whole in the tooltip and in the table.
 SHORT = "length(datum.label) > 28 ? slice(datum.label, 0, 13) + '…' + slice(datum.label, -14) : datum.label"
-_CONFIG: dict[str, Any] = {
-    "font": _FONT,
-    "background": "white",
-    # A label at the end of an axis reaches beyond it.
-    "padding": {"left": 4, "top": 5, "right": 26, "bottom": 5},
-    "view": {"stroke": None},
-    # A label stands at its tick, at the ends too.
-    "axisQuantitative": {"labelFlush": False},
-    "axis": {
-        **{"labelFontSize": 12, "titleFontSize": 12.5, "titleFontWeight": "normal", "labelLimit": 0},
-        **{"labelColor": INK, "titleColor": INK, "domainColor": MUTED, "tickColor": MUTED},
-        **{"gridColor": "#e6eaee", "titlePadding": 8, "labelOverlap": "greedy", "labelSeparation": 3},
-    },
-    "legend": {
-        **{"orient": "top", "title": None, "labelFontSize": 12, "labelLimit": 0, "labelColor": INK},
-        **{"columns": 3, "symbolOpacity": 1},
-        "layout": {"top": {"direction": "vertical", "anchor": "start"}},
-    },
-    "range": {"category": list(PALETTE)},
-    "point": {"filled": True, "size": 40, "opacity": 0.8},
-    "rule": {"color": INK},
-}
 # A figure of more marks is painted rather than kept as elements.
 MANY = 1500
 WIDTH, HEIGHT = 460, 300

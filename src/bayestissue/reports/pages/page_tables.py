@@ -37,7 +37,7 @@ class Field:
 
     Attributes:
         title: its heading.
-        form: how the values are written that the row has in the columns ``of``: see `_words_of`. Or what
+        form: how the values are written that the row has in the columns ``of``: see `form_words`. Or what
             makes the cell of the row.
         kind: how cells are set: ``"text"``, ``"number"`` (to the right) or ``"words"``, which may grow wide;
             that of the form unless given.
@@ -58,7 +58,7 @@ class Field:
         if callable(self.form):
             return self.form(row)
         values = [row[column] for column in self.of or (self.title,)]
-        return self.missing if all(map(pd.isna, values)) else _words_of(self.form)(*values)
+        return self.missing if all(map(pd.isna, values)) else form_words(self.form)(*values)
 
     @property
     def column(self) -> Column:
@@ -120,7 +120,7 @@ def _region(low: float, high: float) -> str:
     return ends[math.isnan(high) + 2 * math.isnan(low)].replace("-", "−")
 
 
-# How a cell of a declared table is written, of the columns that it is made of; see also `_words_of`.
+# How a cell of a declared table is written, of the columns that it is made of; see also `form_words`.
 _TEXTS: dict[str, Callable[..., str]] = {
     "text": str,
     "words": str,
@@ -156,7 +156,7 @@ _NUMBERS: dict[str, Callable[..., str]] = {
 
 
 @cache
-def _words_of(form: str) -> Callable[..., str]:
+def form_words(form: str) -> Callable[..., str]:
     """What writes a form: digits as "3", decimals as ".3", "± .2" with an error, or "{:g} %", in braces."""
     if form in _TEXTS or form in _NUMBERS:
         return (_TEXTS | _NUMBERS)[form]
@@ -176,17 +176,17 @@ def shown(
     mark: Callable[[Any], str] = lambda row: "",
     **values: str,
 ) -> Table:
-    """A table of a result folder as it is declared to be shown, without columns that ``rows`` lack.
+    """A table as it is declared to be shown, without columns that ``rows`` lack.
 
     Args:
-        name: of its file, without suffix.
+        name: of a file of a result folder, without suffix, or of a table of ``page_tables.toml``.
         rows: of the table.
         view: its name, of a table that looks otherwise here or there.
         fields: in the place of some that are declared, by their names.
         mark: of a row, as of `Row`.
         **values: what stands in braces in titles.
     """
-    looks = declared_files()[f"{name}.csv"].looks[view]
+    looks = _looks(name, view)
     present = [column for column in looks if set(looks[column]["of"]) <= set(rows)]
     stated = zip(present, declared_fields(name, present, view, **values), strict=True)
     return table_of(rows, *(fields.get(column, field) for column, field in stated), mark=mark)
@@ -194,10 +194,16 @@ def shown(
 
 def declared_fields(name: str, columns: Iterable[str], view: str = "shown", **values: str) -> list[Field]:
     """Columns of the table ``name`` as they are declared to be shown; see `shown`."""
-    looks = declared_files()[f"{name}.csv"].looks[view]
+    looks = _looks(name, view)
     return [
         Field(**looks[column] | {"title": filled(looks[column]["title"], **values)}) for column in columns
     ]
+
+
+def _looks(name: str, view: str) -> dict[str, dict[str, Any]]:
+    if of_page := _OF_PAGES.get(name):
+        return {column: {"title": column, "of": [column]} | look for column, look in of_page.items()}
+    return declared_files()[f"{name}.csv"].looks[view]
 
 
 def frame_table(frame: pd.DataFrame, digits: int = 4) -> Table:
@@ -249,6 +255,8 @@ def plain(value: Any) -> str:
     return "not set" if value is None else str(value)
 
 
+# Tables of pages that are in no file, as ``tables.toml`` has the looks of those that are.
+_OF_PAGES = declared(__package__, "page_tables.toml")
 _MEANINGS = declared(__package__, "priors.toml")
 SHOWN_ELSEWHERE = ("name", "description", "formula", "priors")
 

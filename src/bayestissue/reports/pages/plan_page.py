@@ -29,6 +29,7 @@ from bayestissue.reports.pages.page_tables import (
 )
 from bayestissue.reports.pages.run_folder import read_json, require_files
 from bayestissue.reports.pages.wording import (
+    SENTENCES,
     nouns_of_plan,
     said,
     with_error,
@@ -36,12 +37,6 @@ from bayestissue.reports.pages.wording import (
 
 # In what designs differ.
 _AXES = ("people", "masses_kg", "velocities_m_s", "conditions", "repeats", "recorder")
-# What stands for more people, by its key in plan.json.
-_VARIANTS = {
-    "more people": "{people} people in the place of {before}",
-    "many people": "{people} people",
-    "as it stands": "nothing more: the study as it stands",
-}
 
 
 def plan_page(folder: Path, record: dict[str, Any]) -> str:
@@ -147,22 +142,11 @@ def curves(designs: pd.DataFrame, goal: str, wanted: float) -> Figure:
     )
 
 
-def _label(design: Mapping[str, Any], varying: Sequence[str]) -> str:
+def _label(design: dict[str, Any], varying: Sequence[str]) -> str:
     """What tells a line from the others."""
-    words = {
-        "masses_kg": "{} kg",
-        "velocities_m_s": "{} m/s",
-        "conditions": "{} conditions",
-        "people": "{} people",
-        "repeats": "repeats: {}",
-        "recorder": "{}",
-    }
     named = [name for name in varying if name != "conditions" or "masses_kg" not in varying]
-    several = ("masses_kg", "velocities_m_s")
-    return ", ".join(
-        words[name].format(numbers_in_short(design[name].split()) if name in several else design[name])
-        for name in named
-    )
+    lists = {name: numbers_in_short(design[name].split()) for name in ("masses_kg", "velocities_m_s")}
+    return ", ".join(SENTENCES["designs_apart"][name].format((design | lists)[name]) for name in named)
 
 
 def people_and_repeats(
@@ -199,16 +183,17 @@ def designs_table(designs: pd.DataFrame, chosen: int, wanted: float) -> Table:
 def gains_table(content: Mapping[str, Any]) -> Table:
     """The chosen design with more or less of one thing, and what that adds to each goal's assurance."""
     chosen = content["designs"][content["chosen"] - 1]
+    words = SENTENCES["plan_variants"]
     named = [
-        (_VARIANTS[key].format(people=variant["people"], before=chosen["people"]), variant)
+        (words[key].format(people=variant["people"], before=chosen["people"]), variant)
         for key, variant in content["variants"].items()
-        if key in _VARIANTS
+        if key in words
     ]
     named += [(limit["words"], limit) for limit in content["limits"].values()]
     several = len(chosen["goals"]) > 1
     rows = [
-        {"with": words, "goal": name if several else "", **goal}
-        for words, variant in named
+        {"with": change, "goal": name if several else "", **goal}
+        for change, variant in named
         for name, goal in variant["goals"].items()
     ]
     return table_of(

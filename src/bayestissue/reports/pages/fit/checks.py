@@ -14,36 +14,23 @@ import pandas as pd
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.reports.pages.fit.answers import person_words
 from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.fit.method_agreement import COVERAGE
+from bayestissue.reports.pages.fit.method_agreement import held_table
 from bayestissue.reports.pages.page_settings import LIMITS, WORTH
-from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of, table_of_cells
+from bayestissue.reports.pages.page_tables import Table, form_words, shown, table_of_cells
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.wording import listed, percent, relative
+from bayestissue.reports.pages.wording import SENTENCES, listed, percent, relative
 
 if TYPE_CHECKING:
     from bayestissue.mechanics.elements.element import Element
-
-_ERRORS = {
-    "mass": ("mass of the impactor", "g", 1e3),
-    "velocity_error": ("velocity at contact and gain together", "mm/s", 1e3),
-    "ramp_error": ("velocity at contact and gain together", "mm/s", 1e3),
-    "offset_error": ("zero of the recorder, after what the quiet part before contact tells", "m/s²", 1.0),
-    "contact_time_error": ("time of contact", "µs", 1e6),
-    "level_error": ("displacement at contact, from the time of contact", "µm", 1e6),
-}
-_DECLARED = {
-    "relative_mass_sd": ("mass", percent),
-    "velocity_sd_m_s": ("velocity at contact", "{:.2g} m/s".format),
-    "relative_gain_sd": ("gain", percent),
-    "offset_sd": ("zero of the recorder", "{:.2g} in the signal's unit".format),
-}
 
 
 def declared_sd(run: FitRun, error: str) -> np.ndarray:
     """Prior standard deviation of an error [impact]; NaN where each trace itself gave it."""
     if f"{error}_sd" in run.groups["constant_data"]:
         return run.constant(f"{error}_sd")
-    declared = {name: float(run.record.get("uncertainty", {}).get(name) or 0) for name in _DECLARED}
+    declared = {
+        name: float(run.record.get("uncertainty", {}).get(name) or 0) for name in SENTENCES["declared_errors"]
+    }
     mass, velocity = run.constant("mass_kg"), run.constant("velocity_m_s")
     if error == "mass":
         return declared["relative_mass_sd"] * mass
@@ -54,29 +41,24 @@ def declared_sd(run: FitRun, error: str) -> np.ndarray:
 
 def chain_table(run: FitRun) -> Table:
     """How far each error of the measuring chain was known before, and is known after, the fit."""
-    return table_of(
-        [row for error in _ERRORS if (row := _chain_row(run, error))],
-        Field("error of", "words"),
-        Field("unit"),
-        Field("sd before", "2", of=["before"], missing="read off each trace"),
-        Field("sd after", "2", of=["after"], missing="not known"),
-        Field("after / before", "%", of=["left"]),
-        Field("greatest correction", "2", of=["moved"], missing="not known"),
-        Field("of its sd before", "{:.1f} sd", of=["farthest"]),
+    rows = [row for error in SENTENCES["chain_errors"] if (row := _chain_row(run, error))]
+    return shown(
+        "chain_errors",
+        pd.DataFrame(rows),
         mark=lambda row: "disagrees" if row["farthest"] > WORTH.correction else "",
     )
 
 
 def _chain_row(run: FitRun, error: str) -> dict[str, Any]:
     """Of an error its sd before and after, and its greatest correction; NaN where none was declared."""
-    errors, (words, unit, scale) = run.of_impacts(error), _ERRORS[error]
+    errors, (words, unit, scale) = run.of_impacts(error), SENTENCES["chain_errors"][error]
     if errors.empty or not (errors["sd"] > 0).any():
         return {}
     before, after = declared_sd(run, error), errors["sd"].to_numpy()
     before = before if (before > 0).all() else np.full(before.shape, np.nan)
     moved = (errors["median"] - (run.constant("mass_kg") if error == "mass" else 0)).abs()
     return {
-        "error of": words,
+        "error": words,
         "unit": unit,
         "before": scale * np.median(before),
         "after": scale * np.median(after),
@@ -90,8 +72,8 @@ def declared_sds(run: FitRun) -> list[str]:
     """The standard deviations that the dataset declares of its measuring chain, in words."""
     declared = run.record.get("uncertainty", {})
     return [
-        f"{words} {shown(float(declared[name]))}"
-        for name, (words, shown) in _DECLARED.items()
+        f"{words} {form_words(form)(float(declared[name]))}"
+        for name, (words, form) in SENTENCES["declared_errors"].items()
         if declared.get(name)
     ]
 
@@ -104,17 +86,7 @@ def left_out_summary(run: FitRun) -> Table:
         row = {"scheme": scheme, "parts": len(part), "high": len(high), "k": part["pareto_k"].max()}
         row |= {"elpd": part["elpd"].sum(), "se": np.sqrt(len(part)) * part["elpd"].std(ddof=1)}
         rows.append(row | {"which": listed(high[:12]) + (" and others" if len(high) > 12 else "")})
-    return table_of(
-        rows,
-        Field("scheme"),
-        Field("parts", "printed"),
-        Field("elpd (nats)", ".0", of=["elpd"], missing="not known"),
-        Field("se", ".0", missing="not known"),
-        Field("largest Pareto k", ".2", of=["k"], missing="not known"),
-        Field("k above 0.7", "printed", of=["high"]),
-        Field("which", "words"),
-        mark=lambda row: "disagrees" if row["high"] else "",
-    )
+    return shown("left_out", pd.DataFrame(rows), mark=lambda row: "disagrees" if row["high"] else "")
 
 
 def left_out_table(run: FitRun) -> Table:
@@ -138,22 +110,7 @@ def population_names(run: FitRun) -> list[str]:
 
 
 # In the order of the page, as the run names them and as the page does.
-_NAMES = {
-    "noise": "noise of the recorder",
-    "velocity": "velocity at contact",
-    "gain": "gain",
-    "velocity and gain": "velocity at contact and gain",
-    "gain of all impacts": "gain, in error alike in all impacts",
-    "offset": "offset of the recorder",
-    "mass": "mass",
-    "contact moment": "contact moment",
-    "element": "element (discrepancy)",
-    "element's parameters": "the element's further parameters",
-    "impacts": "scatter between impacts",
-    "people": "people",
-    "conditions": "conditions",
-    "person and condition": "rest of person and condition",
-}
+_NAMES: dict[str, str] = SENTENCES["interval_sources"]
 _ALL, _DRAWN, _PRIORS = "all", "as drawn", "priors"
 # Half a 90 % interval of a normal, in its standard deviations.
 _HALF = NormalDist().inv_cdf(0.95)
@@ -265,4 +222,4 @@ def coverage_table(run: FitRun) -> Table | None:
     with _MEASURED.open(encoding="utf-8") as stream:
         coverage = pd.read_csv(stream)
     measured = coverage[coverage["likelihood"] == run.likelihood]
-    return None if measured.empty else table_of(measured, *COVERAGE)
+    return None if measured.empty else held_table(measured)

@@ -13,7 +13,7 @@ from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.page_settings import LIMITS, WORTH
 from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.wording import Spread, percent
+from bayestissue.reports.pages.wording import Spread
 
 # What `agreement_table` has the ratio of.
 TITLE = "thesis's method over posterior median"
@@ -39,13 +39,9 @@ def held_by_intervals(run: FitRun) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["quantity", "level", "held", "impacts"])
 
 
-# Of how many intervals hold the truth: rows with quantity, level, held and impacts.
-COVERAGE = (
-    Field("quantity"),
-    Field("interval", "{:g} %", of=["level"]),
-    Field("hold the truth", lambda row: f"{row['held']} of {row['impacts']}", "number"),
-    Field("share", lambda row: percent(row["held"] / row["impacts"]), "number"),
-)
+def held_table(rows: pd.DataFrame) -> Table:
+    """How many intervals hold the truth: ``rows`` with quantity, level, held and impacts."""
+    return shown("coverage", rows.assign(share=rows["held"] / rows["impacts"]))
 
 
 def dds_ratio(run: FitRun, quantity: str) -> float:
