@@ -14,8 +14,9 @@ from bayestissue.base.errors import Coded
 from bayestissue.inference.single.impact_estimates import estimate
 from bayestissue.recordings.dataset import Dataset, Trace
 from bayestissue.recordings.dataset.dataset_file import Quantity
+from bayestissue.recordings.dataset.formats.channel import Channel
 from bayestissue.recordings.dataset.recording_checks import check_recordings
-from bayestissue.recordings.dataset.recordings import Recordings, Samples
+from bayestissue.recordings.dataset.recordings import Recordings
 
 type Stage = Callable[[np.ndarray, np.ndarray], np.ndarray]
 type Spoiling = Callable[[Impact, Chain, np.random.Generator], Trace]
@@ -353,9 +354,9 @@ def _sound(impacts: list[Impact], chains: list[Chain], quantity: Quantity) -> li
 
 def _said(data: Dataset, table: pd.DataFrame) -> pd.Series:
     flat = data.traces
-    numbers, rows = np.arange(len(flat)), np.arange(flat.value.size) + 2
-    samples = Samples(flat.time_s, flat.value, flat.start, numbers, ["traces.csv"] * len(flat), rows)
-    verdicts = check_recordings(Recordings(samples, data.impacts, data.quantity, data.uncertainty))
+    read = Channel(flat.value, flat.time_s, rows=np.arange(flat.value.size) + 2)
+    how = data.settings, data.settings.signal, data.impacts, "traces.csv"
+    verdicts = check_recordings(Recordings.from_channel(read, flat.n_samples, *how))
     refused = pd.Series("", index=data.impacts["impact"])
     for problem in (*verdicts.warnings, *verdicts.problems):
         refused[problem.impact or ""] = f"refused or warned of: not {problem.expected.split(':')[0]}"

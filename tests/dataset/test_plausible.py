@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayestissue.recordings.dataset.dataset_file import Quantity, Uncertainty
-from bayestissue.recordings.dataset.ragged_traces import at_limit
+from bayestissue.recordings.dataset.dataset_file import Quantity, Settings, SignalSettings
+from bayestissue.recordings.dataset.formats.channel import Channel
+from bayestissue.recordings.dataset.ragged_traces import Traces, at_limit
 from bayestissue.recordings.dataset.recording_checks import check_recordings
-from bayestissue.recordings.dataset.recordings import Recordings, Samples
+from bayestissue.recordings.dataset.recordings import Recordings
 
 COUNT = 100
 
@@ -67,13 +68,11 @@ def whole(b: Blow) -> np.ndarray:
     return np.ones(b.time.size, dtype=bool)
 
 
-def samples_of(blows: list[Blow], value: Change, keep: Change = whole) -> Samples:
+def samples_of(blows: list[Blow], value: Change, keep: Change = whole) -> Traces:
     kept = [keep(b) for b in blows]
     time = [b.time[k] for b, k in zip(blows, kept, strict=True)]
     values = np.concatenate([value(b)[k] for b, k in zip(blows, kept, strict=True)])
-    start = np.cumsum([0, *map(len, time)])
-    files, rows = ["traces.csv"] * COUNT, np.arange(start[-1]) + 2
-    return Samples(np.concatenate(time), values, start, np.arange(COUNT), files, rows)
+    return Traces(np.concatenate(time), values, np.cumsum([0, *map(len, time)]))
 
 
 def refused(
@@ -82,7 +81,11 @@ def refused(
     """How many of the recordings, spoilt by ``value`` and cut down to ``keep``, are refused."""
     names = [f"i{index}" for index in range(COUNT)]
     impacts = pd.DataFrame({"impact": names, "velocity_m_s": [b.velocity for b in blows]})
-    recordings = Recordings(samples_of(blows, value, keep), impacts, quantity, Uncertainty())
+    signal = SignalSettings(quantity=quantity, unit="m" if quantity == "displacement" else "m/s^2")
+    samples = samples_of(blows, value, keep)
+    read = Channel(samples.value, samples.time_s, rows=np.arange(samples.value.size) + 2)
+    how = Settings(name="a", signal=signal), signal, impacts, "traces.csv"
+    recordings = Recordings.from_channel(read, samples.n_samples, *how)
     return len({problem.impact for problem in check_recordings(recordings).problems})
 
 

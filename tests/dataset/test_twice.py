@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from bayestissue.recordings.dataset import read_dataset
-from bayestissue.recordings.dataset.recordings import Samples
+from bayestissue.recordings.dataset.ragged_traces import Traces
 from bayestissue.recordings.dataset.twins import twins
 from dataset_bench import Lab
 
@@ -28,13 +28,11 @@ def test_a_recording_under_two_impacts_is_named(lab: Lab) -> None:
         assert words in str(found)
 
 
-def recorded(values: list[np.ndarray], every: dict[int, int] | None = None) -> Samples:
+def recorded(values: list[np.ndarray], every: dict[int, int] | None = None) -> Traces:
     """Recordings at one rate, but for those that have one of so many samples."""
     start = np.cumsum([0, *map(len, values)])
-    numbers = np.arange(len(values))
-    files = ["f"] * len(values)
     time = np.concatenate([1e-4 * (every or {}).get(i, 1) * np.arange(len(v)) for i, v in enumerate(values)])
-    return Samples(time, np.concatenate(values), start, numbers, files, np.zeros(start[-1], int))
+    return Traces(time, np.concatenate(values), start)
 
 
 def repeats(noise: float, rate: float, count: int = 60) -> list[np.ndarray]:

@@ -29,12 +29,17 @@ from bayestissue.recordings.dataset.dataset_file import (
     reworded,
 )
 from bayestissue.recordings.dataset.formats.channel import Channel, Contents, Labels
-from bayestissue.recordings.dataset.impact_table import impact_table, required_columns
+from bayestissue.recordings.dataset.impact_table import ImpactTable, impact_table, required_columns
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.dataset.ragged_traces import Trace
 from bayestissue.recordings.dataset.read import checked_dataset, in_words
-from bayestissue.recordings.dataset.recorders import at_own_clock, clocks_beside, long_reading, on_first_clock
-from bayestissue.recordings.dataset.recordings import Reading
+from bayestissue.recordings.dataset.recorders import (
+    at_own_clock,
+    clocks_beside,
+    long_recordings,
+    on_first_clock,
+)
+from bayestissue.recordings.dataset.recordings import Recordings
 from bayestissue.recordings.dataset.source_files import plain_text
 
 # What messages call the tables, and the keys in them.
@@ -94,13 +99,12 @@ def dataset(
         names, body = _texts(impacts)
         cells, rows = Records(names, body, range(len(body))).cells(required)
         table = impact_table(cells, rows, needs_velocity=needs_velocity)
-        listed = cells["impact"].tolist()
         with along_with(table.problems):
-            label, recorded = _columns(traces, listed, signal)
-            further = [_further(one, by_name, traces, listed, signal) for one in settings.channel]
-        readings = [long_reading(label, recorded, listed, signal), *further]
-        data = checked_dataset(settings, table, readings, skip_bad=skip_bad)
-        return replace(data, input_hash=_hash(settings, cells, readings))
+            label, recorded = _columns(traces, table, signal)
+            further = [_further(one, by_name, traces, table, settings) for one in settings.channel]
+        recordings = [long_recordings(label, recorded, table, settings, signal), *further]
+        data = checked_dataset(table, recordings, skip_bad=skip_bad)
+        return replace(data, input_hash=_hash(settings, cells, recordings))
 
     return in_words(checked, partial(reworded, files=_CALLED, names=_NAMES), _CALLED[IMPACTS])
 
@@ -136,22 +140,23 @@ def _stated_channels(channels: Any, value_column: str) -> Any:
 
 
 def _further(
-    channel: ChannelSettings, channels: Any, traces: Any, impacts: list[str], first: SignalSettings
-) -> Reading:
+    channel: ChannelSettings, channels: Any, traces: Any, table: ImpactTable, settings: Settings
+) -> Recordings:
     """A further channel's recordings, its own or those in the long table of the first."""
-    signal, channel_traces = channel.as_signal(first), channels[channel.name].get("traces")
+    first, channel_traces = settings.signal, channels[channel.name].get("traces")
+    signal = channel.as_signal(first)
     if channel_traces is None and not isinstance(traces, pd.DataFrame):
         raise InputError.stated("array-shape.channel", _SINGLE, value="no traces", name=channel.name)
     if channel_traces is None:
-        label, columns = _columns(traces, impacts, signal, first)
+        label, columns = _columns(traces, table, signal, first)
         columns, signal = at_own_clock(columns, signal, first, label)
-        return on_first_clock(long_reading(label, columns, impacts, signal), channel)
+        return on_first_clock(long_recordings(label, columns, table, settings, signal), channel)
     suffix = f" of the channel {channel.name}"
     try:
-        label, columns = _columns(channel_traces, impacts, signal)
+        label, columns = _columns(channel_traces, table, signal)
     except InputError as error:
         raise InputError(replace(problem, file=problem.file + suffix) for problem in error.problems) from None
-    return on_first_clock(long_reading(label + suffix, columns, impacts, signal), channel)
+    return on_first_clock(long_recordings(label + suffix, columns, table, settings, signal), channel)
 
 
 def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
@@ -166,13 +171,13 @@ def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
 
 
 def _columns(
-    traces: Any, impacts: list[str], signal: SignalSettings, first: SignalSettings | None = None
+    traces: Any, table: ImpactTable, signal: SignalSettings, first: SignalSettings | None = None
 ) -> tuple[str, Contents]:
     """What messages call the recordings, and all samples under one another.
 
     Of a further channel in a table with the ``first`` one, also numeric times of `clocks_beside`.
     """
-    columns = (signal.time_column, signal.value_column)
+    columns, impacts = (signal.time_column, signal.value_column), table.table["impact"].tolist()
     if isinstance(traces, pd.DataFrame):
         refuse(column_problems(_LONG, [str(name) for name in traces], ["impact", *columns]))
         codes, names = pd.factorize(traces["impact"], use_na_sentinel=False)
@@ -247,10 +252,10 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Channe
     raise InputError.stated("array-shape.numbers", label, column=column, value=shape, impact=impact)
 
 
-def _hash(settings: Settings, cells: pd.DataFrame, readings: Sequence[Reading]) -> str:
+def _hash(settings: Settings, cells: pd.DataFrame, recordings: Sequence[Recordings]) -> str:
     digest = hashlib.sha256(json.dumps(settings.model_dump(exclude_defaults=True), sort_keys=True).encode())
     digest.update(cells.to_csv(index=False).encode())
-    for samples in (reading.samples for reading in readings):
-        for array in (samples.impact, samples.start, samples.time_s, samples.value):
+    for one in recordings:
+        for array in (one.position, one.start, one.time_s, one.value):
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -429,6 +429,12 @@ class Settings(TomlTable, strict=True):
         channel = tuple(channel.in_si() for channel in self.channel)
         return self.model_copy(update={"signal": self.signal.in_si(), "channel": channel})
 
+    def signal_of(self, channel: ChannelSettings | None) -> tuple[SignalSettings, SignalSettings | None]:
+        """By what a channel is read; and, where it stands beside the first one, by what that is."""
+        if channel is None:
+            return self.signal, None
+        return channel.as_signal(self.signal), None if channel.file else self.signal
+
     def stated(self) -> dict[str, Any]:
         """The keys that are stated, tables as nested dictionaries, as `settings_text` writes them."""
         return self.model_dump(exclude_unset=True, exclude_none=True)

@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -38,7 +37,7 @@ from bayestissue.recordings.dataset.recording_checks import (
     check_recordings,
     stated_problems,
 )
-from bayestissue.recordings.dataset.recordings import Reading, Recordings, crop, windows_of, with_limits
+from bayestissue.recordings.dataset.recordings import Recordings
 from bayestissue.recordings.dataset.source_files import Source
 
 WORKBOOK = "impacts.xlsx"
@@ -87,13 +86,15 @@ def in_words(make: Callable[[], Dataset], words: Callable[[Problem], Problem], t
 def _read(folder: Path, impacts: Path, *, skip_bad: bool, whole: bool) -> Dataset:
     settings, table = _tables(folder, impacts)
     with along_with(table.problems):
-        readings = read_recordings(folder, table, settings)
+        recordings = read_recordings(folder, table, settings)
         by_hand = LeftOut({}) if whole else read_left_out(folder, table.table["impact"])
-    files = list(dict.fromkeys([folder / SETTINGS, impacts, *chain.from_iterable(r.files for r in readings)]))
+    files = list(
+        dict.fromkeys([folder / SETTINGS, impacts, *chain.from_iterable(r.paths for r in recordings)])
+    )
     whole_hash = hashed = content_hash(files)
     if not whole and (folder / LEFT_OUT).exists():
         hashed = content_hash([*files, folder / LEFT_OUT])
-    data = checked_dataset(settings, table, readings, by_hand, skip_bad=skip_bad)
+    data = checked_dataset(table, recordings, by_hand, skip_bad=skip_bad)
     return replace(data, folder=folder, input_hash=hashed, whole_hash=whole_hash)
 
 
@@ -112,9 +113,8 @@ def as_dataset(dataset: Dataset | str | Path) -> Dataset:
 
 
 def checked_dataset(
-    settings: Settings,
     table: ImpactTable,
-    readings: Sequence[Reading],
+    recordings: Sequence[Recordings],
     by_hand: LeftOut | None = None,
     *,
     skip_bad: bool = False,
@@ -122,9 +122,8 @@ def checked_dataset(
     """The dataset of what was read, by every check of recordings.
 
     Args:
-        settings: what ``dataset.toml`` says.
         table: the impacts.
-        readings: the recordings of the first channel, and of each further one.
+        recordings: of the first channel, and of each further one.
         by_hand: the impacts that somebody left out.
         skip_bad: see `read_dataset`.
 
@@ -134,68 +133,51 @@ def checked_dataset(
     by_hand = by_hand or LeftOut({})
     chosen = list(by_hand.by_impact.values())
     _refuse_none_left(chosen, table)
-    signal, impacts = settings.signal, table.table
-    signals = [signal, *(channel.as_signal(signal) for channel in settings.channel)]
-    first, *further = (_cropped(*pair, impacts) for pair in zip(readings, signals, strict=True))
-    low_pass: Any = {"gravity": signal.gravity_m_s2, "recorder": settings.recorder}
-    recordings = Recordings(first.samples, impacts, signal.quantity, settings.uncertainty, **low_pass)
-    recordings = recordings.without(chosen)
-    findings = check_recordings(recordings)
-    problems = [p for p in (*table.problems, *first.problems) if p.impact not in by_hand.by_impact]
-    problems += findings.problems
-    problems += stated_problems(recordings.without(problems))
-    channels = [
-        _checked_channel(channel, one, recordings.without(problems))
-        for channel, one in zip(settings.channel, further, strict=True)
-    ]
-    problems += [p for one in channels for p in one.problems if p.impact not in by_hand.by_impact]
+    # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
+    first, *others = (one.cropped.with_limits for one in recordings)
+    settings, impacts = first.settings, table.table
+    first = check_recordings(first.without(chosen))
+    problems = [*table.problems, *first.problems]
+    problems += stated_problems(first.without(problems))
+    sound = first.without(problems)
+    further = [_checked_channel(*pair, sound) for pair in zip(settings.channel, others, strict=True)]
+    problems += [problem for one in further for problem in one.problems]
+    problems = [problem for problem in problems if problem.impact not in by_hand.by_impact]
     if problems and (not skip_bad or any(problem.impact is None for problem in problems)):
         raise InputError(problems)
     problems = [*chosen, *problems]
     _refuse_none_left(problems, table)
     bad = {problem.impact for problem in problems}
-    warnings = [*_falls_unsaid(signal, impacts.columns), *by_hand.warnings]
-    warnings += [*table.warnings, *_falls_contradicted(signal, table), *findings.warnings]
+    warnings = [*_falls_unsaid(settings.signal, impacts.columns), *by_hand.warnings]
+    warnings += [*table.warnings, *_falls_contradicted(settings.signal, table), *first.warnings]
     keep = ~impacts["impact"].isin(list(bad)).to_numpy()
     return Dataset(
         settings.in_si(),
         impacts[keep].reset_index(drop=True),
-        first.samples.kept(keep),
-        tuple(one.samples.kept(keep) for one in channels),
+        first.of_kept(keep),
+        tuple(one.of_kept(keep) for one in further),
         warnings=tuple(warning for warning in warnings if warning.impact not in bad),
         left_out=tuple(problems),
         rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),
     )
 
 
-def _cropped(reading: Reading, signal: SignalSettings, impacts: pd.DataFrame) -> Reading:
-    """A channel's recordings between the times that are stated, with what is at the sensor's limit.
-
-    Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
-    """
-    samples, outside = crop(reading.samples, windows_of(impacts, signal), impacts["impact"].tolist())
-    samples = with_limits(samples, signal.quantity, signal.limits_si)
-    return replace(reading, samples=samples, problems=[*reading.problems, *outside])
-
-
-def _checked_channel(channel: ChannelSettings, reading: Reading, first: Recordings) -> Reading:
+def _checked_channel(channel: ChannelSettings, recordings: Recordings, first: Recordings) -> Recordings:
     """A further channel's recordings with all that is wrong with them.
 
     Samples and clocks as of the first channel, and what `against_first` finds.
 
     Args:
         channel: what ``dataset.toml`` says of it.
-        reading: the recordings, cropped.
+        recordings: cropped.
         first: the first channel, of impacts with nothing wrong so far.
     """
-    impacts = first.impacts
     if channel.file is not None:
         # The rate that impacts.csv states is the first channel's.
-        impacts = impacts.drop(columns="sampling_rate_hz", errors="ignore")
-    recordings = Recordings(reading.samples, impacts, first.quantity, first.uncertainty)
-    findings = check_recordings(recordings, OF_SAMPLES)
-    unfit = against_first(findings.sound, first)
-    return replace(reading, problems=[*reading.problems, *findings.problems, *unfit])
+        impacts = recordings.impacts.drop(columns="sampling_rate_hz", errors="ignore")
+        recordings = replace(recordings, impacts=impacts)
+    checked = check_recordings(recordings, OF_SAMPLES)
+    return replace(checked, problems=[*checked.problems, *against_first(checked, first)])
 
 
 def _falls_unsaid(signal: SignalSettings, columns: Iterable[str]) -> Iterator[Problem]:

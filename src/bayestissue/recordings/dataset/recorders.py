@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -26,18 +26,14 @@ from bayestissue.recordings.dataset.formats.channel import (
     Channel,
     Contents,
     Format,
-    Labels,
     UnfitError,
     unit_in_name,
 )
 from bayestissue.recordings.dataset.impact_table import ImpactTable
 from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES
 from bayestissue.recordings.dataset.recordings import (
-    Reading,
-    Samples,
-    crop,
+    Recordings,
     in_seconds,
-    in_si,
     numbers_in,
     windows_of,
 )
@@ -55,7 +51,7 @@ _NAMED = re.compile(rf"(?:^|[\W_]){TIME}(?:[\W_\d]|$)", re.IGNORECASE)
 _ALIKE = 0.25
 
 
-def read_recordings(folder: Path, table: ImpactTable, settings: Settings) -> list[Reading]:
+def read_recordings(folder: Path, table: ImpactTable, settings: Settings) -> list[Recordings]:
     """The recordings of the first channel, and those of every further one on the first one's clock.
 
     Args:
@@ -67,15 +63,13 @@ def read_recordings(folder: Path, table: ImpactTable, settings: Settings) -> lis
         InputError: a table can't be read, or lacks a channel's column; there is no table of samples, or more
             than one, or one beside a column ``trace``.
     """
-    impacts = table.table["impact"].tolist()
-    path, first = _long_table(folder, in_files="trace" in table.table), settings.signal
-    read = partial(_read_long, path, impacts) if path else partial(read_files, folder, table)
-    readings = [read(first)]
+    path = _long_table(folder, in_files="trace" in table.table)
+    read = partial(_read_long, path) if path else partial(read_files, folder)
+    recordings = [read(table, settings)]
     for channel in settings.channel:
-        signal, own = channel.as_signal(first), channel.file
-        reading = _read_long(folder / own, impacts, signal) if own else read(signal, first)
-        readings.append(on_first_clock(reading, channel))
-    return readings
+        further = partial(_read_long, folder / channel.file) if channel.file else read
+        recordings.append(on_first_clock(further(table, settings, channel), channel))
+    return recordings
 
 
 def _long_table(folder: Path, *, in_files: bool) -> Path | None:
@@ -89,145 +83,131 @@ def _long_table(folder: Path, *, in_files: bool) -> Path | None:
     return folder / names[0] if names else None
 
 
-def on_first_clock(reading: Reading, channel: ChannelSettings) -> Reading:
+def on_first_clock(recordings: Recordings, channel: ChannelSettings) -> Recordings:
     """A channel's recordings by the first channel's clock."""
-    time = reading.samples.time_s + channel.time_offset_s
-    return replace(reading, samples=replace(reading.samples, time_s=time))
+    return replace(recordings, time_s=recordings.time_s + channel.time_offset_s)
 
 
 def _read_long(
-    path: Path, impacts: list[str], signal: SignalSettings, first: SignalSettings | None = None
-) -> Reading:
-    """The recordings in one long table of all samples.
-
-    Args:
-        path: of the table.
-        impacts: the names in ``impacts.csv``, in order.
-        signal: names of the columns, units, scale and offset.
-        first: of a further channel the settings of the first one, which stands in the same table.
-    """
-    table = read_table(
+    path: Path, table: ImpactTable, settings: Settings, channel: ChannelSettings | None = None
+) -> Recordings:
+    """The recordings in one long table of all samples; arguments as of `read_files`."""
+    signal, first = settings.signal_of(channel)
+    contents = read_table(
         Source(path, path.name, stated=signal),
         numbers=[signal.time_column, signal.value_column],
         labels=["impact"],
         optional=partial(clocks_beside, signal, first),
     )
-    table, signal = at_own_clock(table, signal, first, path.name)
-    return replace(long_reading(path.name, table, impacts, signal), files=[path])
+    contents, signal = at_own_clock(contents, signal, first, path.name)
+    return replace(long_recordings(path.name, contents, table, settings, signal), paths=[path])
 
 
-def long_reading(file: str, table: Contents, impacts: list[str], signal: SignalSettings) -> Reading:
+def long_recordings(
+    file: str, contents: Contents, table: ImpactTable, settings: Settings, signal: SignalSettings
+) -> Recordings:
     """The recordings in columns that were read already, sorted by impact.
 
     Args:
-        file: what messages call the table.
-        table: impact, time and value of each sample, in their units.
-        impacts: the names that there should be, in order.
-        signal: names of the columns, units, scale and offset.
+        file: what messages call the table of samples.
+        contents: impact, time and value of each sample, in their units.
+        table: the impacts that there should be, in order.
+        settings: what ``dataset.toml`` says.
+        signal: names of the channel's columns, units, scale and offset.
     """
-    times, readings = table.channels[signal.time_column], table.channels[signal.value_column]
-    labels, rows = table.labels["impact"], table.rows_of(signal.value_column)
+    labels, recorded = contents.labels["impact"], _with_times(contents, signal)
+    impacts = table.table["impact"].tolist()
     position = {name: index for index, name in reversed(list(enumerate(impacts)))}
     codes = np.array([position.get(name, -1) for name in labels.names], int)[labels.codes]
     count = np.bincount(codes[codes >= 0], minlength=len(impacts))
-    order = np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :]
-    names, text = (signal.time_column, signal.value_column), {**times.text, **readings.text}
-    time, value, start = times_of(times, signal), in_si(readings.values, signal), np.cumsum([0, *count])
-    unsorted = Samples(time, value, start, np.arange(len(impacts)), [file] * len(impacts), rows, *names, text)
-    has = np.flatnonzero(count)
-    samples = unsorted.taken(order, has, count[has])
-    missing = [
+    problems = []
+    strange = np.flatnonzero(codes < 0)
+    for code, index in zip(*np.unique(labels.codes[strange], return_index=True), strict=True):
+        name = labels.names[code]
+        where = file, contents.rows_of(signal.value_column)[strange[index]], "impact", name or "an empty cell"
+        problems.append(Problem.stated("impacts-and-recordings.unknown", *where, impact=name))
+    problems += [
         Problem.stated("impacts-and-recordings.missing", file, None, "impact", "no samples", impact=name)
         for index, name in enumerate(impacts)
         # A name that stands there twice has been reported as such.
         if not count[index] and name and position[name] == index
     ]
-    return Reading(samples.to_their_ends, [*_unknown_impacts(file, labels, codes, rows), *missing], [])
-
-
-def _unknown_impacts(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -> Iterator[Problem]:
-    strange = np.flatnonzero(codes < 0)
-    for code, index in zip(*np.unique(labels.codes[strange], return_index=True), strict=True):
-        name, row = labels.names[code], rows[strange[index]]
-        value = name or "an empty cell"
-        yield Problem.stated("impacts-and-recordings.unknown", file, row, "impact", value, impact=name)
+    of_table = settings, signal, table.table, file, problems
+    unsorted = Recordings.from_channel(recorded, count, *of_table)
+    order, has = np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :], np.flatnonzero(count)
+    return unsorted.taken(order, has, count[has]).to_their_ends
 
 
 def read_files(
-    folder: Path, table: ImpactTable, signal: SignalSettings, first: SignalSettings | None = None
-) -> Reading:
+    folder: Path, table: ImpactTable, settings: Settings, channel: ChannelSettings | None = None
+) -> Recordings:
     """Read one recorder file per impact, as the column ``trace`` names them.
 
     Args:
         folder: the dataset's.
         table: the impacts, with a column ``trace`` and perhaps ``sampling_rate_hz``.
-        signal: names of the channels, units, scale and offset.
-        first: of a further channel the settings of the first one.
+        settings: what ``dataset.toml`` says.
+        channel: a further one; None of the first.
     """
     impacts, rows = table.table, table.row
     problems: list[Problem] = []
-    pieces: list[Samples] = []
+    pieces: list[Recordings] = []
     names = impacts["impact"].tolist()
+    signal, _ = settings.signal_of(channel)
     rates, windows = numbers_in(impacts, "sampling_rate_hz"), windows_of(impacts, signal)
     taken: dict[Source, list[int]] = {}
     # One that several impacts share is read once: they mostly follow each other.
-    whole = lru_cache(maxsize=1)(lambda source, rate: read_one(source, signal, float(rate), first))
+    whole = lru_cache(maxsize=1)(lambda source, rate: read_one(source, settings, float(rate), channel))
     size = 0
     for index, name in enumerate(impacts["trace"]):
         try:
             source = _inside(folder, name, int(rows[index]))
-            _require_apart(source, index, int(rows[index]), taken, windows)
+            (start, stop), (starts, stops) = windows[:, index], windows[:, taken.get(source, [])]
+            if ((start < stops) & (starts < stop)).any():
+                # An earlier impact has the recording, or a part of this one.
+                cropped = np.isfinite(start) or np.isfinite(stop)
+                value = f"{source.label}, from {start:.6g} to {stop:.6g} s" if cropped else source.label
+                where = "impacts.csv", int(rows[index]), "trace", value
+                raise InputError.stated("impacts-and-recordings.shared", *where)
             recording = whole(source, str(rates[index]))
         except InputError as error:
             of_impact = partial(replace, impact=names[index] or None, files_read=len(impacts))
             problems += map(of_impact, error.problems)
             continue
         taken.setdefault(source, []).append(index)
-        recording = replace(recording, impact=np.array([index]), file=[name])
-        piece, outside = crop(recording, windows, names)
-        problems += outside
-        if not outside:
+        piece = replace(recording, impacts=impacts, position=np.array([index])).cropped
+        problems += piece.problems
+        if not piece.problems:
             size += piece.time_s.nbytes + piece.value.nbytes
             require_small(size, "the recordings together")
             pieces.append(piece)
-    files = list(dict.fromkeys(source.path for source in taken))
-    return Reading(Samples.joined(pieces, signal), problems, files)
+    paths = list(dict.fromkeys(source.path for source in taken))
+    return Recordings.joined(pieces, settings, signal, impacts, "", problems, (), paths)
 
 
 def read_one(
-    source: Source, signal: SignalSettings, rate: float, first: SignalSettings | None = None
-) -> Samples:
-    """A whole recording, in SI units.
+    source: Source, settings: Settings, rate: float, channel: ChannelSettings | None = None
+) -> Recordings:
+    """A whole recording, in SI units, of an impact that is not named yet.
 
     Args:
         source: the file.
-        signal: names of the channels, units, scale and offset.
+        settings: what ``dataset.toml`` says.
         rate: the sampling rate in Hz, where the file has no times.
-        first: as of `read_recording`.
+        channel: a further one; None of the first.
 
     Raises:
         InputError: the file is missing or damaged, lacks a channel, or has no times.
     """
-    recorded, file = read_recording(source, signal, first), source.label
+    signal, first = settings.signal_of(channel)
+    recorded = read_recording(source, signal, first)
     time, count = recorded.clock, len(recorded.values)
     if time is None and np.isfinite(rate):
         time = np.arange(count) / rate
     if time is None:
-        raise InputError.stated("no-times", file, column=signal.time_column, value="no times")
-    start, rows = np.array([0, count]), np.asarray(recorded.rows)
-    names, value = (signal.time_column, signal.value_column), in_si(recorded.values, signal)
-    return Samples(time, value, start, np.array([0]), [file], rows, *names, recorded.text).to_their_ends
-
-
-def _require_apart(
-    source: Source, index: int, row: int, taken: dict[Source, list[int]], windows: np.ndarray
-) -> None:
-    """Refuse a recording, or a part of one, that an earlier impact has."""
-    (start, stop), (starts, stops) = windows[:, index], windows[:, taken.get(source, [])]
-    if ((start < stops) & (starts < stop)).any():
-        cropped = np.isfinite(start) or np.isfinite(stop)
-        value = f"{source.label}, from {start:.6g} to {stop:.6g} s" if cropped else source.label
-        raise InputError.stated("impacts-and-recordings.shared", "impacts.csv", row, "trace", value)
+        raise InputError.stated("no-times", source.label, column=signal.time_column, value="no times")
+    timed = replace(recorded, clock=time)
+    return Recordings.from_channel(timed, [count], settings, signal).to_their_ends
 
 
 def _inside(folder: Path, name: str, row: int) -> Source:
@@ -271,18 +251,24 @@ def read_recording(source: Source, signal: SignalSettings, first: SignalSettings
         signal = _naming_channels(contents, label, signal)
     contents, signal = at_own_clock(contents, signal, first, label)
     name, channels = signal.value_column, contents.channels
-    value, time = channels[name], channels.get(signal.time_column)
-    count = value.values.size
+    count, time = channels[name].values.size, channels.get(signal.time_column)
     if count < MIN_SAMPLES and (others := long_enough(channels)):
         limits = {"least": MIN_SAMPLES, "others": ", ".join(others)}
         raise InputError.stated("no-channel.short", label, column=name, value=f"{count} samples", **limits)
-    rows = contents.rows_of(name)
-    if time is None:
-        return replace(value, rows=rows)
-    if time.values.size != count:
+    if time is not None and time.values.size != count:
         where = label, None, signal.time_column, time.values.size
         raise InputError.stated("clock-and-channel.count", *where, channel=name, count=count)
-    return replace(value, clock=times_of(time, signal), rows=rows, text={**time.text, **value.text})
+    return _with_times(contents, signal)
+
+
+def _with_times(contents: Contents, signal: SignalSettings) -> Channel:
+    """The channel of the values, its clock that of the times, in s, where there are any; with its rows."""
+    name, time = signal.value_column, contents.channels.get(signal.time_column)
+    value = replace(contents.channels[name], rows=contents.rows_of(name))
+    if time is None:
+        return value
+    clock = time.values if time.since is not None else in_seconds(time.values, signal)
+    return replace(value, clock=clock, text={**time.text, **value.text})
 
 
 def contents_of(source: Source) -> Contents:
@@ -372,11 +358,6 @@ def clocks_among(names: Sequence[str]) -> list[str]:
     """The names that say time, and state no unit of anything else."""
     units = {name: unit_in_name(name) for name in names if _NAMED.search(name)}
     return [name for name, unit in units.items() if dimension_of(unit) in (None, "time")]
-
-
-def times_of(column: Channel, signal: SignalSettings) -> np.ndarray:
-    """The times that a column holds, s."""
-    return column.values if column.since is not None else in_seconds(column.values, signal)
 
 
 def at_own_clock(

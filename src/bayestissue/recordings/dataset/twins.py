@@ -51,7 +51,7 @@ def recording_twice(recordings: Recordings) -> Iterator[Problem]:
     As two impacts such a recording makes K and C of that person seem known better than they are, and wrong
     where the stated mass or velocity differs.
     """
-    for which, earlier, exact in twins(recordings.samples):
+    for which, earlier, exact in twins(recordings):
         how = (
             "the same samples as" if exact else "with other digits, beginning, gain or rate, the recording of"
         )

@@ -18,7 +18,7 @@ from bayestissue.base.errors import InputError, Problem, collected, refuse
 from bayestissue.base.outline import counted, first_of
 from bayestissue.recordings.dataset import Dataset, Trace, read_dataset, write_dataset
 from bayestissue.recordings.dataset.dataset_file import FILE as SETTINGS
-from bayestissue.recordings.dataset.dataset_file import SignalSettings, parse_settings, reworded
+from bayestissue.recordings.dataset.dataset_file import Settings, parse_settings, reworded
 from bayestissue.recordings.dataset.dialect import Stated
 from bayestissue.recordings.dataset.left_out import NEVER_READ, reason_of, write_left_out
 from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES
@@ -79,7 +79,7 @@ def build(folder: Path, recordings: RecorderFolder, facts: Facts, choices: Choic
     """
     problems = [*recordings.problems, *facts.problems]
     settings = choices.content(f"bayestissue init, from {counted(len(recordings.files), 'recorder file')}")
-    plan = _Plan(recordings, facts, choices, settings, _signal(settings, problems))
+    plan = _Plan(recordings, facts, choices, settings, _parsed(settings, problems))
     rows = list(plan.rows(problems))
     if not rows:
         raise InputError(problems)
@@ -119,9 +119,9 @@ def _impact_name(file: Source) -> str:
     return f"{file.stem}_{file.part}" if file.part else file.stem
 
 
-def _signal(settings: dict[str, Any], problems: list[Problem]) -> SignalSettings:
+def _parsed(settings: dict[str, Any], problems: list[Problem]) -> Settings:
     try:
-        return parse_settings(settings).signal
+        return parse_settings(settings)
     except InputError as error:
         options = [replace(p, file="init", column=_option_of(p.column or "")) for p in error.problems]
         raise InputError([*problems, *options]) from None
@@ -183,7 +183,7 @@ class _Plan:
     facts: Facts
     choices: Choices
     settings: dict[str, Any]
-    signal: SignalSettings
+    parsed: Settings
 
     def dataset(self, folder: Path, rows: list[dict[str, Any]], problems: Iterable[Problem] = ()) -> Dataset:
         """The dataset of these rows, written and read back; ``problems`` say why others are left out."""
@@ -263,7 +263,7 @@ class _Plan:
                 count = f"{len(numbers)} rows of the table"
                 raise InputError.stated("several-impacts.one", file.name, value=count)
             return [dict(common)]
-        trace, (first, last) = self.oriented(file), ends_of(self.signal)
+        trace, (first, last) = self.oriented(file), ends_of(self.parsed.signal)
         if bad := int(np.count_nonzero(~np.isfinite(trace.value))):
             words = f"no number at {bad} of {trace.value.size} samples"
             raise InputError.stated("not-a-number.recording", file.name, value=words)
@@ -281,8 +281,9 @@ class _Plan:
 
     def oriented(self, file: RecorderFile) -> Trace:
         """A recording, as far as it is read, positive while the impactor slows or into the tissue."""
-        whole = read_one(file.source, self.signal, self._rate(file)).slowing(self.signal.quantity)
-        start, stop = ends_of(self.signal)
+        signal = self.parsed.signal
+        whole = read_one(file.source, self.parsed, self._rate(file)).slowing(signal.quantity)
+        start, stop = ends_of(signal)
         return whole.at((whole.time_s >= start) & (whole.time_s <= stop))[0]
 
     def _rate(self, file: RecorderFile) -> float:

@@ -484,8 +484,7 @@ def dataset_of(folder: Path, campaign: WatchedCampaign, row: Cells) -> Dataset:
     body = [[plain_text(value) for value in row.values()]]
     cells, rows = Records(list(row), body, [2]).cells(required_columns())
     table = impact_table(cells, rows, needs_velocity=True)
-    reading = read_files(folder, table, settings.signal)
-    return replace(checked_dataset(settings, table, [reading]), folder=folder)
+    return replace(checked_dataset(table, [read_files(folder, table, settings)]), folder=folder)
 
 
 def several(data: Dataset) -> int:
