@@ -110,7 +110,7 @@ def confounded(node: Node, recorded: Recorded) -> tuple[GroupTerm, ...]:
     draws = _any_parameters(recorded, list(recorded.formulas))
     terms = []
     for q in recorded.formulas:
-        covariates, groups = recorded.response(q).evaluated.at(recorded.rows)
+        covariates, groups = recorded.response(q).at(recorded.rows)
         X = np.column_stack([np.ones(len(recorded.rows)), *covariates.values()])
         names = [intercept(parameter_of(q)), *(common_coefficient(name, q) for name in covariates)]
         for term, x in groups.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -103,12 +104,9 @@ class Law:
     def loops(
         self, parameters: Values, motion: Values
     ) -> dict[str, Float[np.ndarray, "*draw condition place"]]:
-        """Force over depth, by the attributes of `elements.whole_impact.Loop`; else as `outcomes`."""
-
-        def loop(collision: Collision) -> dict[str, Array]:
-            return loops_of(collision, SETTINGS.places)._asdict()
-
-        return self._simulated(loop, parameters, motion, SETTINGS.loops_together)
+        """Force over depth, as `elements.whole_impact.loops_of` has it; else as `outcomes`."""
+        loops = partial(loops_of, places=SETTINGS.places)
+        return self._simulated(loops, parameters, motion, SETTINGS.loops_together)
 
     def _simulated(
         self, simulate: Callable[[Collision], dict[str, Array]], parameters: Values, motion: Values, size: int

@@ -66,18 +66,20 @@ type Outcomes = dict[str, Float[Array, " impact"]]
 class Element:
     """A mechanical element between impactor and ground, at rest and unloaded before contact.
 
-    The first two parameters are ``K`` [N/m] and ``C`` [N s/m]; their ``meaning`` says what they are here.
-    Every function takes (x, v, s, p): penetration [m] and its velocity [m/s], the internal lengths [m] as a
-    tuple, and the parameters by name, with ``diameter_m`` of the impactor beside them. All of them are
-    arrays that broadcast, and all functions are differentiable JAX.
+    Its first two parameters are a stiffness and a damping. Every function takes (x, v, s, p): penetration [m]
+    and its velocity [m/s], the internal lengths [m] as a tuple, and the parameters by name, with
+    ``diameter_m`` of the impactor beside them. All of them are arrays that broadcast, and all functions are
+    differentiable JAX.
 
     Attributes:
         name: as model files write it.
         title: in words.
         law: the force F, and the rates of the internal lengths s, in LaTeX, as the manual shows them.
-        parameters: in the order of an impact's own parameters.
+        K: what the stiffness is here [N/m].
+        C: what the damping is here [N s/m].
         force: of the tissue, positive where it pushes [N].
         stored: energy in the springs [J].
+        extra: the parameters besides K and C.
         rates: of the internal lengths [m/s], one each.
         states: number of internal lengths.
         linear: whether force and rates are linear in x, v and s.
@@ -95,9 +97,11 @@ class Element:
     name: str
     title: str
     law: str
-    parameters: tuple[Parameter, ...]
+    K: str
+    C: str
     force: Law
     stored: Law
+    extra: tuple[Parameter, ...] = ()
     rates: Callable[[Array, Array, States, Parameters], States] = no_rates
     states: int = 0
     linear: bool = False
@@ -107,9 +111,9 @@ class Element:
     guess: Callable[[Array, Array, Array], tuple[Array, Array]] = unchanged
 
     @property
-    def extra(self) -> tuple[Parameter, ...]:
-        """The parameters besides K and C."""
-        return self.parameters[2:]
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All parameters, in the order of an impact's own."""
+        return (Parameter("K", "N/m", self.K), Parameter("C", "N s/m", self.C), *self.extra)
 
 
 @partial(

@@ -161,30 +161,17 @@ class Path(NamedTuple):
         return jnp.where(past.any(axis=-1), when, jnp.inf).T
 
 
-class Loop(NamedTuple):
-    """Force over depth of whole impacts: in to the greatest depth, and out until the impactor leaves.
-
-    A tissue that is never left is followed to the end of the path; depths that then rise again are NaN. Of
-    an impactor that has no greatest depth the way out is one point, where it comes to rest.
-
-    Attributes:
-        depth_in: x from contact to the greatest depth [m], growing.
-        force_in: the force on the impactor there [N].
-        depth_out: x from the greatest depth on [m], falling.
-        force_out: the force there [N].
-    """
-
-    depth_in: Float[Array, "impact place"]
-    force_in: Float[Array, "impact place"]
-    depth_out: Float[Array, "impact place"]
-    force_out: Float[Array, "impact place"]
-
-
 @partial(jax.jit, static_argnames="places")
-def loops_of(collision: Collision, places: int) -> Loop:
-    """The loop of each impact at ``places`` even times in and out, compiled.
+def loops_of(collision: Collision, places: int) -> dict[str, Float[Array, "impact place"]]:
+    """Force over depth at ``places`` even times in to the greatest depth, and out until the impactor leaves.
 
-    Between the nodes of its path, an impact is the cubic of `solver.at_times`, also of a linear element.
+    Between the nodes of its path, an impact is the cubic of `solver.at_times`, also of a linear element. A
+    tissue that is never left is followed to the end of the path; depths that then rise again are NaN. Of an
+    impactor that has no greatest depth the way out is one point, where it comes to rest.
+
+    Returns:
+        ``depth_in`` [m], growing, and ``force_in``, the force on the impactor there [N]; ``depth_out``, which
+        falls, and ``force_out``.
     """
     path = Path.solved(collision)
     peak, end = (jnp.minimum(when, path.duration)[:, None] for when in (path.time_to_peak, path.leaves))
@@ -196,7 +183,8 @@ def loops_of(collision: Collision, places: int) -> Loop:
     out = y[0][:, places:]
     falls = jax.lax.cummin(out, axis=1) == out
     out, pushed = (jnp.where(falls, part, jnp.nan) for part in (out, force[:, places:]))
-    return Loop(y[0][:, :places], force[:, :places], out, pushed)
+    inward = {"depth_in": y[0][:, :places], "force_in": force[:, :places]}
+    return inward | {"depth_out": out, "force_out": pushed}
 
 
 def _linear_nodes(collision: Collision, duration: Array) -> solver.Nodes:

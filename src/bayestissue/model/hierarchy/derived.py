@@ -68,12 +68,10 @@ def formula_quantities(design: Design, population: Draws) -> dict[str, np.ndarra
 def row_logs(design: Design, population: Draws, response: str) -> np.ndarray:
     """The expected log of a response in every row, [chain, draw, row]."""
     part = design.responses[response]
-    expected = population[intercept(part.parameter)][..., None] + np.zeros(len(design.subject))
-    if part.log_mass is not None:
-        expected = expected + population[f"mass_exponent_{response}"][..., None] * part.log_mass
-    if part.names:
-        effects = population[f"covariate_effect_{response}"][..., : len(part.names)]
-        expected = expected + effects @ part.covariates.T
+    expected: np.ndarray = np.zeros(())
+    for name, columns in part.fixed.items():
+        effects = np.reshape(population[name], (*population[intercept(part.parameter)].shape, -1))
+        expected = expected + effects[..., : columns.shape[1]] @ columns.T
     for term, column in part.terms.items():
         code = design.groupings[term.grouping].code
         expected = expected + population[term.effect(response)][..., code] * column.covariate

@@ -22,7 +22,7 @@ from bayestissue.model.hierarchy.formulas.group_terms import (
 )
 from bayestissue.model.hierarchy.formulas.identifiability import Fault
 from bayestissue.model.hierarchy.recorded import Recorded
-from bayestissue.model.hierarchy.responses import parameter_of
+from bayestissue.model.hierarchy.responses import intercept, parameter_of
 from bayestissue.model.hierarchy.specification import Formulas
 
 
@@ -60,6 +60,16 @@ class ResponseDesign:
     def response(self) -> str:
         """What formulas call the parameter, and names of effects end with."""
         return self.parameter.removeprefix("log_")
+
+    @property
+    def fixed(self) -> dict[str, np.ndarray]:
+        """The columns of its fixed effects, [row, column], by what these are called."""
+        columns = {intercept(self.parameter): np.ones((len(self.covariates), 1))}
+        if self.log_mass is not None:
+            columns[f"mass_exponent_{self.response}"] = self.log_mass[:, None]
+        if self.names:
+            columns[f"covariate_effect_{self.response}"] = self.covariates
+        return columns
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -126,7 +126,7 @@ def design_at(recorded: Recorded, response: str, conditions: Sequence[Condition]
         rows[column] = rows[column].astype(float if recorded.is_number(column) else str)
     counts = np.array([len(part) for part in averaged])
     first = np.cumsum(counts) - counts
-    columns, of_groups = formula.evaluated.at(rows)
+    columns, of_groups = formula.at(rows)
 
     def mean(values: Float[np.ndarray, " row"]) -> Float[np.ndarray, " condition"]:
         """A formula is linear in its columns, so that their mean is that of log q."""

@@ -212,9 +212,9 @@ def _distinct_rows(
     Rows of X are alike where all that its terms are made of is: one column of levels, where X has a hundred.
     """
     groupings_used = {term.grouping for part in design.responses.values() for term in part.terms}
-    keys = [np.zeros(len(design.subject)), *(design.groupings[name].code for name in sorted(groupings_used))]
+    keys = [*(design.groupings[name].code for name in sorted(groupings_used))]
     for part in design.responses.values():
-        keys += [*part.covariates.T, *([] if part.log_mass is None else [part.log_mass])]
+        keys += [column for columns in reversed(part.fixed.values()) for column in columns.T]
         keys += [column.covariate for column in part.terms.values()]
     keys += [] if masses is None else [masses.code]
     _, first, row = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_inverse=True)
@@ -227,13 +227,8 @@ def _columns(
     priors: Mapping[str, Any],
     rows: Int[np.ndarray, " row"] | slice,
 ) -> tuple[np.ndarray, list[EffectPart]]:
-    fixed = {intercept(part.parameter): np.ones((len(design.subject), 1))}
-    if part.log_mass is not None:
-        fixed[f"mass_exponent_{part.response}"] = part.log_mass[:, None]
-    if part.names:
-        fixed[f"covariate_effect_{part.response}"] = part.covariates
-    matrices, pieces = [columns[rows] for columns in fixed.values()], []
-    for name, columns in fixed.items():
+    matrices, pieces = [columns[rows] for columns in part.fixed.values()], []
+    for name, columns in part.fixed.items():
         prior = priors[name.replace("covariate_effect", "covariate")]
         pieces.append(EffectPart(name, columns.shape[1], prior.mean, prior.sd, ""))
     for term, column in part.terms.items():

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.model.hierarchy.formulas.formula import Evaluated, Terms, categories_of_numbers, terms_of
+from bayestissue.model.hierarchy.formulas.formula import Covariates, Terms, categories_of_numbers, terms_of
 from bayestissue.model.hierarchy.formulas.group_terms import Grouping, GroupTerm, grouping_of, labels_of
 from bayestissue.model.hierarchy.formulas.identifiability import RESERVED_DIMENSIONS, RESERVED_STEMS
 from bayestissue.recordings.dataset.impact_table import RESERVED
@@ -194,9 +194,17 @@ class ResponseFormula:
         return terms_of(self.formula)
 
     @cached_property
-    def evaluated(self) -> Evaluated:
-        """Its covariates and those of its group terms, in any rows."""
-        return Evaluated(self.formula, self.recorded.rows, self.recorded.reference_mass_kg)
+    def _evaluated(self) -> tuple[Covariates, dict[GroupTerm, Covariates | None]]:
+        """Its covariates, and those of its group terms that have one."""
+        table = self.recorded.rows, self.recorded.reference_mass_kg
+        of_groups = {t: Covariates([t.slope], *table) if t.slope else None for t in self.terms.groups}
+        return Covariates(self.terms.common, *table), of_groups
+
+    def at(self, rows: pd.DataFrame) -> tuple[dict[str, np.ndarray], dict[GroupTerm, np.ndarray]]:
+        """In any rows its covariates by name, and what each group term's effects are multiplied by, [row]."""
+        covariates, of_groups = self._evaluated
+        ones, columns = np.ones(len(rows)), dict(zip(covariates.names, covariates.at(rows).T, strict=True))
+        return columns, {t: x.at(rows)[:, 0] if x else ones for t, x in of_groups.items()}
 
     @cached_property
     def covariates(self) -> tuple[str, ...]:

@@ -114,21 +114,18 @@ def whitened(
     return Whitened(white[:, 0], white[:, -size:], shared, inside)
 
 
-class MeasuredTraces:
+class MeasuredTraces(Protocol):
     """The likelihood of every impact's channels, the errors that they share integrated out."""
 
     @property
     def errors(self) -> Errors:
         """What is known of the errors beforehand."""
-        raise NotImplementedError
 
     def channels(self) -> list[SensorTrace[Any]]:
         """The traces; contact is known."""
-        raise NotImplementedError
 
     def products(self) -> Products:
         """Of residuals and error columns, over all channels."""
-        raise NotImplementedError
 
     def log_density(self) -> Float[Array, " impact"]:
         """Log density of each recorded trace, its errors integrated out."""

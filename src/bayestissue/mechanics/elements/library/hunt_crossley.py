@@ -14,7 +14,6 @@ from jax import Array
 from bayestissue.mechanics.elements.element import (
     REFERENCE_DIAMETER_M,
     Element,
-    Parameter,
     Parameters,
     States,
 )
@@ -45,10 +44,8 @@ ELEMENT = Element(
     name="hunt_crossley",
     title="ball on an elastic half-space with losses (Hertz, Hunt-Crossley)",
     law=r"F = k x^{3/2} + c\, x^{3/2} x'",
-    parameters=(
-        Parameter("K", "N/m", "secant stiffness at a depth of 10 mm under a ball of 31.8 mm"),
-        Parameter("C", "N s/m", "damping there"),
-    ),
+    K="secant stiffness at a depth of 10 mm under a ball of 31.8 mm",
+    C="damping there",
     force=force,
     stored=stored,
     jumps=False,

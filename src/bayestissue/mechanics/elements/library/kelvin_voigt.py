@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jax import Array
 
-from bayestissue.mechanics.elements.element import Element, Outcomes, Parameter, Parameters, States
+from bayestissue.mechanics.elements.element import Element, Outcomes, Parameters, States
 from bayestissue.mechanics.oscillator import (
     contact_duration,
     peak_deceleration,
@@ -53,10 +53,8 @@ ELEMENT = Element(
     name="kelvin_voigt",
     title="spring and damper side by side (Kelvin-Voigt)",
     law="F = K x + C x'",
-    parameters=(
-        Parameter("K", "N/m", "stiffness of the spring"),
-        Parameter("C", "N s/m", "damping beside it"),
-    ),
+    K="stiffness of the spring",
+    C="damping beside it",
     force=force,
     stored=stored,
     linear=True,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jax import Array
 
-from bayestissue.mechanics.elements.element import Element, Parameter, Parameters, States
+from bayestissue.mechanics.elements.element import Element, Parameters, States
 
 
 def force(x: Array, v: Array, s: States, p: Parameters) -> Array:
@@ -31,10 +31,8 @@ ELEMENT = Element(
     name="maxwell",
     title="spring and damper in series (Maxwell)",
     law=r"F = K (x - s), \; s' = F / C",
-    parameters=(
-        Parameter("K", "N/m", "stiffness of the spring: the tangent stiffness at contact"),
-        Parameter("C", "N s/m", "damping behind it"),
-    ),
+    K="stiffness of the spring: the tangent stiffness at contact",
+    C="damping behind it",
     force=force,
     stored=stored,
     jumps=False,

@@ -6,9 +6,11 @@ from jax import Array
 
 from bayestissue.mechanics.elements.element import Element, Parameter, Parameters, States
 
+_RATIO = Parameter("arm_ratio", "1", "stiffness of the arm's spring over K; infinite is Kelvin-Voigt", 2.0)
+
 
 def _arm(x: Array, s: States, p: Parameters) -> Array:
-    return p["arm_ratio"] * p["K"] * (x - s[0])
+    return p[_RATIO.name] * p["K"] * (x - s[0])
 
 
 def force(x: Array, v: Array, s: States, p: Parameters) -> Array:
@@ -30,15 +32,11 @@ ELEMENT = Element(
     name="standard_linear",
     title="spring beside a spring and damper in series (standard linear solid)",
     law=r"F = K x + r K (x - s), \; s' = r K (x - s) / C",
-    parameters=(
-        Parameter(
-            "K", "N/m", "stiffness of the lone spring, which is that at rest; (1 + arm_ratio) K at contact"
-        ),
-        Parameter("C", "N s/m", "damping in the arm"),
-        Parameter("arm_ratio", "1", "stiffness of the arm's spring over K; infinite is Kelvin-Voigt", 2.0),
-    ),
+    K="stiffness of the lone spring, which is that at rest; (1 + arm_ratio) K at contact",
+    C="damping in the arm",
     force=force,
     stored=stored,
+    extra=(_RATIO,),
     jumps=False,
     rates=rates,
     states=1,

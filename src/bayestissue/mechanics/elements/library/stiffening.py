@@ -21,11 +21,9 @@ ELEMENT = Element(
     name="stiffening",
     title="stiffening spring beside a damper",
     law=r"F = K x \left(1 + (x / x_s)^2\right) + C x'",
-    parameters=(
-        Parameter("K", "N/m", "tangent stiffness at contact"),
-        Parameter("C", "N s/m", "damping"),
-        Parameter("stiffening_depth_m", "m", "depth at which the secant stiffness has doubled", 0.02),
-    ),
+    K="tangent stiffness at contact",
+    C="damping",
     force=force,
     stored=stored,
+    extra=(Parameter("stiffening_depth_m", "m", "depth at which the secant stiffness has doubled", 0.02),),
 )

@@ -40,11 +40,9 @@ ELEMENT = Element(
     name="wall",
     title="tissue of finite thickness on a rigid backing, beside a damper",
     law="F = K x / (1 - x / h) + C x'",
-    parameters=(
-        Parameter("K", "N/m", "tangent stiffness at contact"),
-        Parameter("C", "N s/m", "damping"),
-        Parameter("thickness_m", "m", "thickness of the tissue, pressed flat by no finite force", 0.03),
-    ),
+    K="tangent stiffness at contact",
+    C="damping",
     force=force,
     stored=stored,
+    extra=(Parameter("thickness_m", "m", "thickness of the tissue, pressed flat by no finite force", 0.03),),
 )

@@ -434,26 +434,6 @@ class Covariates:
         return self._less_reference(self._evaluated.evaluate_new_data(rows))
 
 
-class Evaluated:
-    """A formula that ``rows`` can tell, in any rows: see `Covariates`."""
-
-    def __init__(self, formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> None:
-        terms, _ = _read(formula)
-        self._covariates = Covariates(terms.common, rows, reference_mass_kg)
-        self._slopes = {
-            term: Covariates([term.slope], rows, reference_mass_kg) if term.slope else None
-            for term in terms.groups
-        }
-
-    def at(
-        self, rows: pd.DataFrame
-    ) -> tuple[dict[str, Float[np.ndarray, " row"]], dict[GroupTerm, Float[np.ndarray, " row"]]]:
-        """The covariates by name, and of each group term what its effects are multiplied by."""
-        columns = dict(zip(self._covariates.names, self._covariates.at(rows).T, strict=True))
-        ones = np.ones(len(rows))
-        return columns, {t: ones if s is None else s.at(rows)[:, 0] for t, s in self._slopes.items()}
-
-
 def _dependent(terms: Terms, covariates: Covariates, rows: pd.DataFrame) -> list[Fault]:
     """Terms that do not vary; if there are none, the first that those before it determine."""
     columns, owners = covariates.columns, covariates.terms

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 from formulae import resolver
 from formulae.expr import Binary, Call, Grouping, Literal, Unary, Variable
 from formulae.parser import ParseError, Parser
+from formulae.scanner import Scanner
 from formulae.terms.call import Call as CallOfTerm
 from formulae.terms.call_resolver import CallResolver, LazyOperator, LazyValue, LazyVariable
 from formulae.terms.terms import GroupSpecificTerm, Model, Term
@@ -37,37 +38,33 @@ _TOKENS = re.compile(
     r"|(?P<SYMBOL>\*\*|==|!=|<=|>=|[-+*/:|(){},<>])"
 )
 _SYMBOLS = {
-    "(": "LEFT_PAREN",
-    ")": "RIGHT_PAREN",
-    "{": "LEFT_BRACE",
-    "}": "RIGHT_BRACE",
-    ",": "COMMA",
-    "+": "PLUS",
-    "-": "MINUS",
-    "*": "STAR",
-    "**": "STAR_STAR",
-    "/": "SLASH",
-    ":": "COLON",
-    "|": "PIPE",
-    "==": "EQUAL_EQUAL",
-    "!=": "BANG_EQUAL",
-    "<": "LESS",
-    "<=": "LESS_EQUAL",
-    ">": "GREATER",
-    ">=": "GREATER_EQUAL",
+    symbol: Scanner(symbol).scan(add_intercept=False)[0].kind
+    for symbol in [
+        "(",
+        ")",
+        "{",
+        "}",
+        ",",
+        "+",
+        "-",
+        "*",
+        "**",
+        "/",
+        ":",
+        "|",
+        "==",
+        "!=",
+        "<",
+        "<=",
+        ">",
+        ">=",
+    ]
 }
 _KNOWN = ("C", "I", "log", "sqrt")
 _COMPARED = ("==", "!=", "<", "<=", ">", ">=")
-# How tightly an operator binds, by the number of its operands and its symbol.
-_BINDING = {(2, symbol): 1 for symbol in _COMPARED} | {
-    (2, "+"): 2,
-    (2, "-"): 2,
-    (2, "*"): 3,
-    (2, "/"): 3,
-    (1, "+"): 4,
-    (1, "-"): 4,
-    (2, "**"): 5,
-}
+# Operators by the number of their operands and their symbol, those first that bind least.
+_OPERATORS = ((2, _COMPARED), (2, "+-"), (2, "*/"), (1, "+-"), (2, ("**",)))
+_BINDING = {(n, symbol): binds for binds, (n, symbols) in enumerate(_OPERATORS) for symbol in symbols}
 
 
 class NotationError(ValueError):

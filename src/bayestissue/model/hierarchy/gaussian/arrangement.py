@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
@@ -291,10 +292,7 @@ def _table(factor: _Factor, outer: Float[np.ndarray, "cell outer"]) -> _Table:
 
 def _number_within(codes: Int[np.ndarray, " item"]) -> Int[np.ndarray, " item"]:
     """Of each item its number among those of the same code."""
-    order, count = np.argsort(codes, kind="stable"), np.bincount(codes)
-    number = np.empty_like(order)
-    number[order] = np.arange(len(codes)) - np.repeat(np.cumsum(count) - count, count)
-    return number
+    return pd.Series(codes).groupby(codes).cumcount().to_numpy()
 
 
 def _length(codes: Int[np.ndarray, " item"], count: int) -> int:
