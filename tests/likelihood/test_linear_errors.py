@@ -33,7 +33,7 @@ def dense(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_density_is_that_of_the_dense_normal() -> None:
-    ours = marginal_log_likelihood(products(), Errors(jnp.asarray(ERROR_SD)))
+    ours = marginal_log_likelihood(products(), Errors(jnp.asarray(ERROR_SD), jnp.zeros(IMPACTS, bool)))
     direct = [multivariate_normal(cov=dense(i)[2]).logpdf(RESIDUAL[i]) for i in range(IMPACTS)]
     assert_allclose(ours, direct, rtol=1e-12)
 
@@ -41,7 +41,7 @@ def test_density_is_that_of_the_dense_normal() -> None:
 def test_errors_are_drawn_from_their_dense_conditional() -> None:
     number = 20_000
     keys = jax.random.split(jax.random.key(4), number)
-    arguments = (products(), Errors(jnp.asarray(ERROR_SD)))
+    arguments = (products(), Errors(jnp.asarray(ERROR_SD), jnp.zeros(IMPACTS, bool)))
     drawn = np.asarray(jax.vmap(lambda key: draw_errors(key, *arguments))(keys))
     for i in range(IMPACTS):
         errors, columns, covariance = dense(i)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.base.declarations import sentences
 from bayestissue.base.errors import Coded
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.recorder_noise import low_pass_of, recorded_noise
@@ -34,6 +35,7 @@ _NEARLY = 1e-3
 _SETTLED = 0.01
 # Of a sampling interval, the standard deviation of what is left of a lag that `Force.lags` does not show.
 _CLOCK = 0.25
+_SAID = sentences(__package__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,23 +207,19 @@ def prepared_force(
         settled = -np.log(_SETTLED) / decay(recorder, dt)
         usable = usable & (recorded.start[:, None] + recorded.time_s >= (first + settled)[:, None])
     at_limit = (rows.used & recorded.at_limit).any(axis=1).sum()
-    for wrong, words in (
-        (at_limit, f"it stands at its sensor's limit in {at_limit} of {len(dt)} impacts"),
-        (recorder and reach, "it is behind a low-pass, and the deceleration does not show when contact was"),
-        (recorded.uneven.any() or signal.uneven.any(), "times are uneven"),
-        (signal.clipped.any(), "the deceleration is clipped"),
-        (
-            (usable.sum(axis=1) < FEWEST_SAMPLES).any(),
-            f"an impact has fewer than {FEWEST_SAMPLES} samples of it that count",
-        ),
-        (
-            (rows.n_quiet < FEWEST_SAMPLES).any(),
-            "a recording has no quiet part before contact, which tells its zero",
-        ),
-        (comparison.lags, Coded.stated("channels-disagree.late", late=comparison.late)),
-    ):
-        if wrong:
-            return words
+    reasons = {
+        "at_limit": at_limit,
+        "low_pass": recorder and reach,
+        "uneven": recorded.uneven.any() or signal.uneven.any(),
+        "clipped": signal.clipped.any(),
+        "few_samples": (usable.sum(axis=1) < FEWEST_SAMPLES).any(),
+        "no_quiet_part": (rows.n_quiet < FEWEST_SAMPLES).any(),
+    }
+    for reason, holds in reasons.items():
+        if holds:
+            return _SAID(f"unused.{reason}", at_limit=at_limit, impacts=len(dt), fewest=FEWEST_SAMPLES)
+    if comparison.lags:
+        return Coded.stated("channels-disagree.late", late=comparison.late)
     length = int(rows.number.max())
     if reach:
         length += 2 + int(np.ceil(((rows.first - first + earliest) / dt).max()))

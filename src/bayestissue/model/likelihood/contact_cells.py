@@ -121,8 +121,9 @@ def modes_of(record: DecelerationRecord) -> Float[Array, "impact mode row"]:
 
 def offset_row(record: DecelerationRecord) -> Float[Array, "impact row"]:
     """What a unit of the zero's error adds to each sample, those before the first among them."""
-    before = jnp.where(record.contact.shows_offset, 1.0, 0.0)
-    return jnp.concatenate([before, jnp.ones_like(record.d)], axis=1)
+    contact = record.contact
+    shows = jnp.arange(contact.reach) >= contact.reach - (contact.n_before - contact.n_quiet)[:, None]
+    return jnp.concatenate([jnp.where(shows, 1.0, 0.0), jnp.ones_like(record.d)], axis=1)
 
 
 def products_in_cells(

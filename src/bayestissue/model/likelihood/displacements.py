@@ -189,7 +189,7 @@ class MeasuredDisplacement(MeasuredTraces):
     @property
     def errors(self) -> Errors:
         """Constant, ramp and parabola."""
-        return Errors(self.record.error_sd)
+        return Errors(self.record.error_sd, jnp.zeros(len(self.record.dt), bool))
 
     def differences(self) -> tuple[Array, Array, Array]:
         """c1, c2 and theta1 of each impact."""

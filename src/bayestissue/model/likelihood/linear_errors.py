@@ -29,24 +29,20 @@ class Errors(NamedTuple):
 
     Attributes:
         sd: standard deviation of each; 0 where there is none.
-        uniform: where the last one is uniform, with that standard deviation above 0; nowhere where None.
+        uniform: where the last one is uniform, with that standard deviation above 0.
     """
 
     sd: Float[Array, "*cell impact error"]
-    uniform: Bool[Array, " impact"] | None = None
+    uniform: Bool[Array, " impact"]
 
     @property
     def unit(self) -> Float[Array, "*cell impact error"]:
         """Their standard deviations, and a uniform one's half width."""
-        if self.uniform is None:
-            return self.sd
         return self.sd.at[..., -1].multiply(jnp.where(self.uniform, _ROOT_3, 1.0))
 
     def drawn(self, key: Array) -> Float[Array, "impact error"]:
         """A draw before any trace is seen."""
         errors = self.sd * jax.random.normal(key, self.sd.shape)
-        if self.uniform is None:
-            return errors
         even = jax.random.uniform(jax.random.fold_in(key, 1), errors.shape[:-1], minval=-1.0, maxval=1.0)
         last = jnp.where(self.uniform, self.unit[..., -1] * even, errors[..., -1])
         return errors.at[..., -1].set(last)
@@ -96,8 +92,6 @@ def marginal_log_likelihood(products: Products, errors: Errors) -> Float[Array, 
     solved = small.solve_lower(factor, right)
     explained = sum(value**2 for value in solved)
     log_density = -(products.log_scale + products.gram[0][0] - explained) / 2 - small.log_diagonal(factor)
-    if errors.uniform is None:
-        return log_density
     return log_density + jnp.where(errors.uniform, _log_share(factor[-1][-1], solved[-1]), 0.0)
 
 
@@ -130,11 +124,11 @@ def draw_errors(key: Array, products: Products, errors: Errors) -> Float[Array, 
     standard = jax.random.normal(key, errors.sd.shape)
     mean = small.solve_lower(factor, right)
     whole = [value + standard[..., a] for a, value in enumerate(mean)]
-    if errors.uniform is not None:
-        half, centre = factor[-1][-1], mean[-1]
-        key_of_last = jax.random.fold_in(key, 1)
-        within = jax.random.truncated_normal(key_of_last, -half - centre, half - centre, centre.shape)
-        whole[-1] = jnp.where(errors.uniform, centre + within, whole[-1])
+    half, centre = factor[-1][-1], mean[-1]
+    within = jax.random.truncated_normal(
+        jax.random.fold_in(key, 1), -half - centre, half - centre, centre.shape
+    )
+    whole[-1] = jnp.where(errors.uniform, centre + within, whole[-1])
     return errors.unit * jnp.stack(small.solve_upper(factor, whole), axis=-1)
 
 
@@ -142,10 +136,8 @@ def _system(products: Products, errors: Errors) -> tuple[list[list[Array]], list
     """L of L L' = M, and h."""
     entries, unit = products.gram, errors.unit
     scale = [unit[..., a] for a in range(unit.shape[-1])]
-    prior: list[Any] = [1.0] * len(scale)
-    if errors.uniform is not None:
-        # A trace that said nothing of a uniform error would leave a zero pivot.
-        prior[-1] = jnp.where(errors.uniform, _LEAST_PIVOT, 1.0)
+    # A trace that said nothing of a uniform error would leave a zero pivot.
+    prior = [*[1.0] * (len(scale) - 1), jnp.where(errors.uniform, _LEAST_PIVOT, 1.0)]
 
     def of_both(a: int, b: int) -> Array:
         return scale[a] * scale[b] * entries[a + 1][b + 1] + (prior[a] if a == b else 0.0)

@@ -111,11 +111,6 @@ class Contact(NamedTuple):
         """Which of ``before`` were recorded and count."""
         return jnp.arange(self.reach) >= self.reach - self.n_before[:, None]
 
-    @property
-    def shows_offset(self) -> Bool[Array, "impact reach"]:
-        """Which of ``before`` an error of the zero would show in."""
-        return jnp.arange(self.reach) >= self.reach - (self.n_before - self.n_quiet)[:, None]
-
 
 class UnevenTimes(NamedTuple):
     """When the samples were, since the first one [s].

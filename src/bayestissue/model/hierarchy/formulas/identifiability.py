@@ -175,9 +175,14 @@ def _alike(
     values: Mapping[GroupTerm, Float[np.ndarray, " row"]], groupings: Mapping[GroupTerm, Grouping]
 ) -> list[Fault]:
     """Terms whose covariance is a combination of those of the scatter and of the terms before them."""
+    from scipy.sparse import csr_array
+
     faults: list[Fault] = []
     independent: list[GroupTerm] = []
-    columns = {term: _columns(x, groupings[term]) for term, x in values.items()}
+    columns = {
+        term: csr_array((np.asarray(x, float), (np.arange(len(x)), groupings[term].code)))
+        for term, x in values.items()
+    }
     for term in values:
         if _left(columns[term], [columns[t] for t in independent]) > PRECISION**2:
             independent.append(term)
@@ -191,13 +196,6 @@ def _alike(
             others = ", ".join(map(str, independent))
             faults.append(Fault.stated("combined", term, grouping=term.grouping, others=others))
     return faults
-
-
-def _columns(x: Float[np.ndarray, " row"], grouping: Grouping) -> Any:
-    from scipy.sparse import csr_array
-
-    shape = (len(x), len(grouping.levels))
-    return csr_array((np.asarray(x, float), (np.arange(len(x)), grouping.code)), shape=shape)
 
 
 def _left(indicator: Any, others: Sequence[Any]) -> float:

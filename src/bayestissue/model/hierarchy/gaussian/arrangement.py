@@ -153,7 +153,9 @@ def arrange(
         groups: the elements of b that are the effects of one group term each.
         mass_error: see `PopulationDesign`; the last of ``columns`` are then those of the errors.
     """
-    cell, whole = _divided(np.asarray(cell), len(columns[0]))
+    # Cells of which none has many more impacts than others.
+    cell = np.asarray(cell)
+    (whole, _), cell = _distinct(cell, _number_within(cell) // _length(cell, len(columns[0])))
     columns = [matrix[whole] for matrix in columns]
     begins = np.cumsum([0, *(matrix.shape[1] for matrix in columns)])
     all_columns = np.concatenate(columns, axis=1)
@@ -172,14 +174,6 @@ def arrange(
     members = _members(number, len(table.level) * table.slots)
     arranged = PopulationDesign(number, members, table.level, *zip(*of_parameters, strict=True))
     return arranged._replace(mass_error=mass_error)
-
-
-def _divided(
-    cell: Int[np.ndarray, " impact"], cells: int
-) -> tuple[Int[np.ndarray, " impact"], Int[np.ndarray, " cell"]]:
-    """Cells of which none has many more impacts than others: of each impact its own; of each the whole's."""
-    (whole, _), divided = _distinct(cell, _number_within(cell) // _length(cell, cells))
-    return divided, whole
 
 
 @dataclass(frozen=True)

@@ -124,17 +124,14 @@ def cell_factors(
         _, *terms = Conditional(prior, block).marginal(prior_mean)
         return jax.tree.map(lambda values: values.sum(-2), terms)
 
-    shift, precision, log_scale = _over_blocks(product, sites)
-    return GaussianFactor(prior_mean, jnp.stack(shift), small.stacked(precision), log_scale)
-
-
-def _over_blocks(function: Any, sites: GaussianFactor) -> Any:
-    """Sum over blocks of what ``function`` makes of each, one after the other."""
-    if len(sites.centre) == 1:
-        return function(jax.tree.map(lambda leaf: leaf[0], sites))
-
     def step(total: Any, block: GaussianFactor) -> tuple[Any, None]:
-        return jax.tree.map(jnp.add, total, function(block)), None
+        return jax.tree.map(jnp.add, total, product(block)), None
 
-    first = jax.eval_shape(function, jax.tree.map(lambda leaf: leaf[0], sites))
-    return jax.lax.scan(step, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), first), sites)[0]
+    first = jax.tree.map(lambda leaf: leaf[0], sites)
+    if len(sites.centre) == 1:
+        shift, precision, log_scale = product(first)
+    else:
+        # One block after the other.
+        none = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), jax.eval_shape(product, first))
+        shift, precision, log_scale = jax.lax.scan(step, none, sites)[0]
+    return GaussianFactor(prior_mean, jnp.stack(shift), small.stacked(precision), log_scale)
