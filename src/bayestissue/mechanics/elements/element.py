@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
-from jaxtyping import Float
+
+from bayestissue.base.arrays import JaxPerImpact
 
 # The middle one of the thesis's three wooden balls.
 REFERENCE_DIAMETER_M = 0.0318
@@ -59,7 +60,7 @@ def no_rates(x: Array, v: Array, s: States, p: Parameters) -> States:
 
 
 # What impacts come to, by name; see `outcomes.outcomes`.
-type Outcomes = dict[str, Float[Array, " impact"]]
+type Outcomes = dict[str, JaxPerImpact]
 
 
 @dataclass(frozen=True)
@@ -134,8 +135,8 @@ class Collision:
 
     element: Element
     parameters: Parameters
-    mass: Float[Array, " impact"]
-    velocity: Float[Array, " impact"]
+    mass: JaxPerImpact
+    velocity: JaxPerImpact
 
     @classmethod
     def of(

@@ -17,6 +17,7 @@ from jax import Array
 from jaxtyping import Float
 from scipy.constants import g as standard_gravity
 
+from bayestissue.base.arrays import JaxPerImpact
 from bayestissue.mechanics.elements import linear, solver
 from bayestissue.mechanics.elements.element import Collision
 
@@ -58,7 +59,7 @@ class Pulse(NamedTuple):
         deceleration: F / M, with which it falls [m/s^2].
     """
 
-    end: Float[Array, " impact"]
+    end: JaxPerImpact
     left: Float[Array, "impact step"]
     deceleration: Float[Array, "impact step"]
 
@@ -68,7 +69,7 @@ class Pulse(NamedTuple):
         return solver.between_steps(self.left, -self.deceleration, time / step, step)
 
 
-def pulse_of(collision: Collision, end: Float[Array, " impact"], nodes: solver.Nodes | None) -> Pulse:
+def pulse_of(collision: Collision, end: JaxPerImpact, nodes: solver.Nodes | None) -> Pulse:
     """The pulse until ``end``; of an element that is not linear from the ``nodes`` of its path."""
     time = jnp.linspace(0.0, 1.0, SEARCH.steps + 1) * end[:, None]
     if nodes is None or collision.element.linear:
@@ -80,13 +81,13 @@ def pulse_of(collision: Collision, end: Float[Array, " impact"], nodes: solver.N
     return Pulse(end, y[1] - columns.gravity * time, columns.deceleration(y))
 
 
-def head_injury(pulse: Pulse) -> dict[str, Float[Array, " impact"]]:
+def head_injury(pulse: Pulse) -> dict[str, JaxPerImpact]:
     """Each criterion of `LONGEST` [g^2.5 s]."""
     criteria = jax.vmap(_greatest, in_axes=(None, 0))(pulse, jnp.asarray(list(LONGEST.values())))
     return dict(zip(LONGEST, criteria, strict=True))
 
 
-def _greatest(pulse: Pulse, longest: Float[Array, ""]) -> Float[Array, " impact"]:
+def _greatest(pulse: Pulse, longest: Float[Array, ""]) -> JaxPerImpact:
     """Windows all over the contact, and then about the best of them, ever closer.
 
     Beside windows with both moments on the grid there is one of full length from each beginning, so that the

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerImpact
 from bayestissue.mechanics.elements.element import GRAVITY, Collision
 
 # (1/2)^14 / 14! is below rounding, and 2^40 times rounding is all that could be asked for.
@@ -72,10 +73,7 @@ def _exponential(matrix: Float[Array, "*batch state state"]) -> Float[Array, "*b
 
 
 def even_grid(
-    collision: Collision,
-    first_time: Float[Array, " impact"],
-    dt: Float[Array, " impact"],
-    count: int,
+    collision: Collision, first_time: JaxPerImpact, dt: JaxPerImpact, count: int
 ) -> Float[Array, "state impact sample"]:
     """The state at first_time + k dt, k = 0 ... count - 1, also as the motion goes on before contact.
 

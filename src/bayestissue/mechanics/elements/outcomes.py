@@ -12,6 +12,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 from scipy.constants import g as standard_gravity
 
+from bayestissue.base.arrays import JaxPerImpact
 from bayestissue.base.outcomes import OUTCOMES
 from bayestissue.mechanics.elements.element import GRAVITY, Collision, Element, Outcomes, Parameters
 from bayestissue.mechanics.elements.head_injury import SEARCH, head_injury, pulse_of
@@ -145,7 +146,7 @@ def _of_path(path: Path) -> Outcomes:
     }
 
 
-def greatest(values: Float[Array, "impact place"]) -> Float[Array, " impact"]:
+def greatest(values: Float[Array, "impact place"]) -> JaxPerImpact:
     """The greatest of values at even places: of the parabola through the greatest and its neighbours."""
     best = jnp.clip(jnp.argmax(values, axis=1), 1, values.shape[1] - 2)[:, None]
     before, here, after = (jnp.take_along_axis(values, best + step, axis=1)[:, 0] for step in (-1, 0, 1))

@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerImpact
 from bayestissue.mechanics.elements.element import Collision
 
 # At least so many steps over a trace, where it has as many samples.
@@ -36,7 +37,7 @@ class Nodes(NamedTuple):
 
 def nodes(
     collision: Collision,
-    duration: Float[Array, " impact"],
+    duration: JaxPerImpact,
     fractions: Float[np.ndarray, " node"],
     *,
     flies_off: bool = False,
@@ -108,10 +109,7 @@ def _pushed_to_the_surface(collision: Collision, nodes: Nodes) -> Nodes:
 
 
 def even_grid(
-    collision: Collision,
-    first_time: Float[Array, " impact"],
-    dt: Float[Array, " impact"],
-    count: int,
+    collision: Collision, first_time: JaxPerImpact, dt: JaxPerImpact, count: int
 ) -> Float[Array, "state impact sample"]:
     """The state at first_time + k dt, k = 0 ... count - 1; at contact where first_time is negative.
 

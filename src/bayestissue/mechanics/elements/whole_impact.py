@@ -16,6 +16,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerImpact, JaxPerSample
 from bayestissue.mechanics.elements import linear, solver
 from bayestissue.mechanics.elements.element import Collision, Element, Parameters
 from bayestissue.mechanics.elements.library import element as named
@@ -43,11 +44,11 @@ class ImpactorPath(NamedTuple):
             tissue after that is not followed.
     """
 
-    x: Float[Array, "impact sample"]
-    v: Float[Array, "impact sample"]
-    deceleration: Float[Array, "impact sample"]
-    time_to_peak: Float[Array, " impact"]
-    leaves: Float[Array, " impact"]
+    x: JaxPerSample
+    v: JaxPerSample
+    deceleration: JaxPerSample
+    time_to_peak: JaxPerImpact
+    leaves: JaxPerImpact
 
 
 def impact(
@@ -55,7 +56,7 @@ def impact(
     parameters: Parameters,
     mass: ArrayLike,
     velocity: ArrayLike,
-    time: Float[Array, "impact sample"],
+    time: JaxPerSample,
     *,
     diameter: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
@@ -101,10 +102,10 @@ class Path(NamedTuple):
     """An impact that can be asked for its state at any time in contact."""
 
     collision: Collision
-    duration: Float[Array, " impact"]
+    duration: JaxPerImpact
     nodes: solver.Nodes
-    time_to_peak: Float[Array, " impact"]
-    leaves: Float[Array, " impact"]
+    time_to_peak: JaxPerImpact
+    leaves: JaxPerImpact
 
     @classmethod
     def solved(cls, collision: Collision, until: ArrayLike = 0.0) -> Path:

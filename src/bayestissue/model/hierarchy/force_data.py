@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.base.arrays import IndexPerImpact, PerImpact
 from bayestissue.base.declarations import sentences
 from bayestissue.base.errors import Coded
 from bayestissue.mechanics.elements import element
@@ -59,10 +60,10 @@ class PreparedForce:
 
     comparison: Force
     rows: ForceRows
-    offset_sd: Float[np.ndarray, " impact"]
-    clock_sd: Float[np.ndarray, " impact"]
-    log_noise: Float[np.ndarray, " impact"]
-    log_ratio: Float[np.ndarray, " impact"]
+    offset_sd: PerImpact
+    clock_sd: PerImpact
+    log_noise: PerImpact
+    log_ratio: PerImpact
     mass_sd: float
     gain_sd: float
 
@@ -85,7 +86,7 @@ class PreparedForce:
         rows = self.rows
         return self._known(rows.first_time[:, None] + np.arange(rows.y.shape[1]) * rows.dt[:, None])
 
-    def recorded(self, mass: Float[np.ndarray, " impact"]) -> Float[np.ndarray, "impact row"]:
+    def recorded(self, mass: PerImpact) -> Float[np.ndarray, "impact row"]:
         """The force [N] of impacts of this recorded mass [kg], NaN past a row's end."""
         return self._known(mass[:, None] * self.rows.y)
 
@@ -115,14 +116,14 @@ class RowsWithin:
 
     recorded: PaddedTraces
     used: Bool[np.ndarray, "impact sample"]
-    begin: Int[np.ndarray, " impact"]
-    number: Int[np.ndarray, " impact"]
-    zero: Float[np.ndarray, " impact"]
-    noise: Float[np.ndarray, " impact"]
-    n_quiet: Int[np.ndarray, " impact"]
+    begin: IndexPerImpact
+    number: IndexPerImpact
+    zero: PerImpact
+    noise: PerImpact
+    n_quiet: IndexPerImpact
 
     @property
-    def first(self) -> Float[np.ndarray, " impact"]:
+    def first(self) -> PerImpact:
         """When the first was, on the recording's clock [s]."""
         first: np.ndarray = self.recorded.start + self.begin * self.recorded.dt
         return first
@@ -139,10 +140,7 @@ class RowsWithin:
 
 
 def rows_within(
-    recorded: PaddedTraces,
-    signal: Displacements,
-    earlier_s: Float[np.ndarray, " impact"],
-    later_s: Float[np.ndarray, " impact"],
+    recorded: PaddedTraces, signal: Displacements, earlier_s: PerImpact, later_s: PerImpact
 ) -> RowsWithin:
     """The rows of a force, and the quiet part that ends three intervals before the first in contact.
 

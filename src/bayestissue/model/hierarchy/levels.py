@@ -27,6 +27,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.base.arrays import PerDraw
 from bayestissue.model.hierarchy.formulas.formula import categories_of_numbers, reference_row
 from bayestissue.model.hierarchy.formulas.group_terms import GroupTerm, common_coefficient, grouping_of
 from bayestissue.model.hierarchy.recorded import Condition, Recorded, ResponseFormula, label_of
@@ -73,7 +74,7 @@ class DesignAt:
             log = log + self._effects(draws, term, new_levels) * z
         return log
 
-    def _coefficient(self, draws: xr.Dataset, covariate: str) -> Float[np.ndarray, "chain draw"]:
+    def _coefficient(self, draws: xr.Dataset, covariate: str) -> PerDraw:
         """The population's coefficient of a covariate; 0 where the formula has levels' own alone."""
         variable = common_coefficient(covariate, self.response)
         if variable in draws:

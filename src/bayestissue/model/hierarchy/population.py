@@ -18,6 +18,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
+from bayestissue.base.arrays import IndexPerImpact, PerImpact
 from bayestissue.base.padding import bucket
 from bayestissue.model.hierarchy.design import Design, ResponseDesign
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
@@ -121,15 +122,15 @@ class SharedMasses(NamedTuple):
         parameters: names of an impact's parameters in proportion to the mass.
     """
 
-    code: Int[np.ndarray, " impact"]
+    code: IndexPerImpact
     parameters: tuple[str, ...] = RESPONSES
 
 
 def stated_mass_errors(
     whose: MassError,
     relative_sd: float,
-    subject: Int[np.ndarray, " impact"],
-    mass_kg: Float[np.ndarray, " impact"],
+    subject: IndexPerImpact,
+    mass_kg: PerImpact,
     parameters: tuple[str, ...] = RESPONSES,
 ) -> tuple[float, float | None, SharedMasses | None]:
     """Whose the errors of recorded masses are.
@@ -206,7 +207,7 @@ def effects_of(
 
 def _distinct_rows(
     design: Design, masses: SharedMasses | None
-) -> tuple[Int[np.ndarray, " row"], Int[np.ndarray, " impact"]]:
+) -> tuple[Int[np.ndarray, " row"], IndexPerImpact]:
     """Rows of the design of which no two are alike, and of each impact the number of that which is its own.
 
     Rows of X are alike where all that its terms are made of is: one column of levels, where X has a hundred.
@@ -222,10 +223,7 @@ def _distinct_rows(
 
 
 def _columns(
-    design: Design,
-    part: ResponseDesign,
-    priors: Mapping[str, Any],
-    rows: Int[np.ndarray, " row"] | slice,
+    design: Design, part: ResponseDesign, priors: Mapping[str, Any], rows: Int[np.ndarray, " row"] | slice
 ) -> tuple[np.ndarray, list[EffectPart]]:
     matrices, pieces = [columns[rows] for columns in part.fixed.values()], []
     for name, columns in part.fixed.items():
@@ -278,10 +276,7 @@ def heavier(
 
 
 def covariances_of(
-    locations: EffectParts,
-    hyperparameters: Hyperparameters,
-    log_mass_sd: float,
-    nuisance: tuple[str, ...],
+    locations: EffectParts, hyperparameters: Hyperparameters, log_mass_sd: float, nuisance: tuple[str, ...]
 ) -> Covariances:
     """The covariances that the hyperparameters imply.
 

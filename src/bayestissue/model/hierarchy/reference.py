@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float, Int
 from scipy.stats import norm
+
+from bayestissue.base.arrays import IndexPerImpact, PerImpact
 
 # Standard deviations of a normal distribution from the middle of its 90 % interval to either end.
 HALF_WIDTH = float(norm.ppf(0.95))
@@ -44,11 +45,7 @@ class Reference:
 
 
 def mass_factor(
-    log_ratio: Float[np.ndarray, " impact"],
-    variance: Float[np.ndarray, " impact"],
-    common: float,
-    reference_sd: Float[np.ndarray, " impact"],
-    phantom: Int[np.ndarray, " impact"],
+    log_ratio: PerImpact, variance: PerImpact, common: float, reference_sd: PerImpact, phantom: IndexPerImpact
 ) -> tuple[float, float]:
     """Log f by generalised least squares, and its standard deviation, the declared error of mass left out.
 
@@ -66,11 +63,7 @@ def mass_factor(
     return float(weights @ log_ratio / weights.sum()), float(weights.sum() ** -0.5)
 
 
-def scatter(
-    log_ratio: Float[np.ndarray, " impact"],
-    variance: Float[np.ndarray, " impact"],
-    phantom: Int[np.ndarray, " impact"],
-) -> float:
+def scatter(log_ratio: PerImpact, variance: PerImpact, phantom: IndexPerImpact) -> float:
     """t^2, by the moments of DerSimonian and Laird (1986), within phantoms; 0 where none was hit twice."""
     weight = 1 / variance
     sums = np.bincount(phantom, weight)

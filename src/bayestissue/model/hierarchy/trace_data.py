@@ -12,9 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import pandas as pd
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpyro.infer.reparam import LocScaleReparam
 
+from bayestissue.base.arrays import IndexPerImpact
 from bayestissue.base.errors import InputError, Problem, along_with
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.element import GRAVITY, REFERENCE_DIAMETER_M, Element
@@ -86,7 +87,7 @@ class Prepared:
     force_unused: str = ""
     reference: Reference | None = None
     common_mass_sd: float = 0.0
-    mass_group: Int[np.ndarray, " impact"] | None = None
+    mass_group: IndexPerImpact | None = None
 
     @property
     def error_sd(self) -> Float[np.ndarray, "impact error"]:

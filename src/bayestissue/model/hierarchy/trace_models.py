@@ -21,6 +21,7 @@ from jaxtyping import Float, Int
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import AffineTransform, ComposeTransform, SoftplusTransform
 
+from bayestissue.base.arrays import JaxPerImpact
 from bayestissue.base.padding import padded_rows
 from bayestissue.mechanics.elements import element as element_named
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
@@ -116,8 +117,8 @@ class TraceData:
     record: Record
     design: PopulationDesign
     location_mean: Float[Array, " location"]
-    log_mass: Float[Array, " impact"]
-    log_peak: Float[Array, " impact"]
+    log_mass: JaxPerImpact
+    log_peak: JaxPerImpact
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> TraceData:
         """Of some impacts, the population's design included as far as it says X b of each."""
@@ -296,14 +297,12 @@ def impact_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Mea
     return MeasuredImpact(element_named(model.element), element_parameters(model, u), noise, record)
 
 
-def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[Array, " impact"]:
+def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> JaxPerImpact:
     """Log density of each trace given its own parameters, the chain's errors integrated out."""
     return trace_likelihood(model, data, u).log_density()
 
 
-def with_contact_at(
-    data: TraceData, likelihood: MeasuredImpact, first_time: Float[Array, " impact"]
-) -> TraceData:
+def with_contact_at(data: TraceData, likelihood: MeasuredImpact, first_time: JaxPerImpact) -> TraceData:
     """The same traces with contact known to be so long before the first sample, as the likelihood has it.
 
     A place of contact that is a parameter moves it from there again.

@@ -16,9 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy import fft
 
+from bayestissue.base.arrays import IndexPerImpact, PerSample
 from bayestissue.mechanics.entire import sinc_root
 from bayestissue.model.likelihood.small import LOG_2PI
 
@@ -141,10 +142,7 @@ def _stationary(x1: Array, x2: Array, end: Array, parameters: tuple[Array, ...],
 
 
 def transformed(
-    x: Float[np.ndarray, "impact sample"],
-    lengths: Int[np.ndarray, " impact"],
-    registers: int,
-    *further: Float[np.ndarray, "impact sample"],
+    x: PerSample, lengths: IndexPerImpact, registers: int, *further: PerSample
 ) -> tuple[tuple[Float[Array, "block impact lane"], ...], Float[Array, "block impact lane"]]:
     """Orthonormal DST-I of x''_t, x'_{t-1}, x_{t-2} and further series at t - 2, and the frequencies' spread.
 

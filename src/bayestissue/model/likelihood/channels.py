@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float
 
+from bayestissue.base.arrays import JaxPerImpact, JaxPerParameter
 from bayestissue.model.likelihood.linear_errors import Errors, Products, draw_errors, marginal_log_likelihood
 
 
@@ -41,7 +42,7 @@ class SensorTrace[N: Noise](NamedTuple):
 
     residual: Float[Array, "impact cell row"]
     columns: Float[Array, "impact cell error row"]
-    log_sigma: Float[Array, " impact"]
+    log_sigma: JaxPerImpact
     noise: N
     stride: int = 1
 
@@ -88,9 +89,7 @@ class Whitened(NamedTuple):
 
 
 def whitened(
-    traces_of: Callable[[Array], MeasuredTraces],
-    u: Float[Array, "impact parameter"],
-    which: slice = slice(None),
+    traces_of: Callable[[Array], MeasuredTraces], u: JaxPerParameter, which: slice = slice(None)
 ) -> Whitened:
     """The channels of the traces at u, or ``which`` of them; contact is known."""
     traces, size = traces_of(u), u.shape[1]
@@ -127,7 +126,7 @@ class MeasuredTraces(Protocol):
     def products(self) -> Products:
         """Of residuals and error columns, over all channels."""
 
-    def log_density(self) -> Float[Array, " impact"]:
+    def log_density(self) -> JaxPerImpact:
         """Log density of each recorded trace, its errors integrated out."""
         return marginal_log_likelihood(self.products(), self.errors)
 

@@ -32,6 +32,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
 
+from bayestissue.base.arrays import JaxPerImpact
 from bayestissue.mechanics.elements import Element
 from bayestissue.mechanics.entire import horner
 from bayestissue.model.likelihood.arma21 import sums_over_frequencies
@@ -66,9 +67,9 @@ class CompressedTraces(NamedTuple):
     later: Float[Array, "block pair lane"]
     root_weight: Float[Array, "block node lane"]
     values: Float[Array, "block part node lane"]
-    half: Float[Array, " impact"]
-    n_samples: Float[Array, " impact"]
-    left: Float[Array, " impact"]
+    half: JaxPerImpact
+    n_samples: JaxPerImpact
+    left: JaxPerImpact
 
     @classmethod
     def of(cls, element: Element, record: DecelerationRecord | DisplacementRecord) -> Self | None:
@@ -129,7 +130,7 @@ def within(traces: CompressedTraces, impacts: MeasuredImpact) -> Bool[Array, " i
     return rate * longest <= RADIUS
 
 
-def log_density(traces: CompressedTraces, impacts: MeasuredImpact) -> Float[Array, " impact"]:
+def log_density(traces: CompressedTraces, impacts: MeasuredImpact) -> JaxPerImpact:
     """Log density of the recorded traces, errors and discrepancies integrated out, right `within` the bound.
 
     Args:
@@ -169,7 +170,7 @@ def _sums(block: tuple[Array, ...], *, gain: bool) -> tuple[Float[Array, " lane"
     return sums_over_frequencies(tuple(pair[..., None] for pair in pairs))
 
 
-def _coefficients(impacts: MeasuredImpact) -> tuple[Float[Array, " impact"], Float[Array, " impact"]]:
+def _coefficients(impacts: MeasuredImpact) -> tuple[JaxPerImpact, JaxPerImpact]:
     """Damping p [1/s] and stiffness q [1/s^2] over mass."""
     K, C = impacts.parameters
     return C / impacts.record.mass, K / impacts.record.mass

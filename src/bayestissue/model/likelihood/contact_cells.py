@@ -27,6 +27,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerImpact
 from bayestissue.model.likelihood.channels import SensorTrace
 from bayestissue.model.likelihood.linear_errors import Products
 from bayestissue.model.likelihood.noise import TraceNoise, filtered, products, products_under
@@ -59,7 +60,7 @@ def noise_of(record: DecelerationRecord) -> TraceNoise:
 
 
 def channel_of(
-    response: Response, record: DecelerationRecord, log_sigma: Float[Array, " impact"]
+    response: Response, record: DecelerationRecord, log_sigma: JaxPerImpact
 ) -> SensorTrace[TraceNoise]:
     """The deceleration, and samples before the first that may count, for contact in each cell.
 
@@ -84,10 +85,7 @@ def channel_of(
 
 
 def force_channel(
-    answer: Response,
-    force: ForceRows,
-    log_ratio: Float[Array, " impact"],
-    log_sigma: Float[Array, " impact"],
+    answer: Response, force: ForceRows, log_ratio: JaxPerImpact, log_sigma: JaxPerImpact
 ) -> SensorTrace[TraceNoise]:
     """A force that was recorded beside the deceleration, over mass, for contact in each cell.
 
@@ -126,9 +124,7 @@ def offset_row(record: DecelerationRecord) -> Float[Array, "impact row"]:
     return jnp.concatenate([jnp.where(shows, 1.0, 0.0), jnp.ones_like(record.d)], axis=1)
 
 
-def products_in_cells(
-    response: Response, record: DecelerationRecord, log_sigma: Float[Array, " impact"]
-) -> Products:
+def products_in_cells(response: Response, record: DecelerationRecord, log_sigma: JaxPerImpact) -> Products:
     """The products of `channel_of`; where the same response is shifted from cell to cell it is made once."""
     reach, stride = record.contact.reach, record.colour.stride
     if not reach or record.uneven is not None or record.clipped is not None:

@@ -19,6 +19,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.base.arrays import IndexPerImpact, JaxPerImpact, JaxPerSample, PerImpact, PerSample
 from bayestissue.base.padding import bucket, padded_zeros
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.oscillator import to_differences
@@ -52,19 +53,19 @@ class DisplacementRecord(NamedTuple):
         velocity_share: of the variance of the ramp that which an error of the velocity makes.
     """
 
-    x: Float[Array, "impact sample"]
+    x: JaxPerSample
     n_samples: Int[Array, " impact"]
-    first_time: Float[Array, " impact"]
-    dt: Float[Array, " impact"]
+    first_time: JaxPerImpact
+    dt: JaxPerImpact
     columns: tuple[Float[Array, "block impact lane"], ...]
     spread: Float[Array, "block impact lane"]
     error_sd: Float[Array, "impact 3"]
-    gravity: Float[Array, " impact"] | None = None
-    velocity: Float[Array, " impact"] | None = None
-    velocity_share: Float[Array, " impact"] | None = None
+    gravity: JaxPerImpact | None = None
+    velocity: JaxPerImpact | None = None
+    velocity_share: JaxPerImpact | None = None
 
     @property
-    def traces(self) -> Float[Array, "impact sample"]:
+    def traces(self) -> JaxPerSample:
         """The recorded displacements."""
         return self.x
 
@@ -74,11 +75,11 @@ class DisplacementRecord(NamedTuple):
         return True
 
     @property
-    def surroundings(self) -> dict[str, Float[Array, " impact"]]:
+    def surroundings(self) -> dict[str, JaxPerImpact]:
         """What an element's functions take beside its parameters: gravity, where there is any."""
         return {} if self.gravity is None else {GRAVITY: self.gravity}
 
-    def velocity_error(self, errors: Float[Array, "impact 3"], key: Array) -> Float[Array, " impact"] | None:
+    def velocity_error(self, errors: Float[Array, "impact 3"], key: Array) -> JaxPerImpact | None:
         """A draw of the error of the recorded velocity given those of the chain; None without a velocity."""
         if self.velocity_share is None:
             return None
@@ -93,13 +94,13 @@ class DisplacementRecord(NamedTuple):
             "offset_error": "offset",
         }
 
-    def of_gain(self, log_gain: Float[Array, " impact"]) -> Float[Array, "impact 3"]:
+    def of_gain(self, log_gain: JaxPerImpact) -> Float[Array, "impact 3"]:
         """What a gain in error adds to the constant, the ramp and the parabola."""
         assert self.velocity is not None  # noqa: S101 - for the type checker
         gravity = jnp.zeros_like(log_gain) if self.gravity is None else self.gravity
         return -jnp.expm1(log_gain)[:, None] * jnp.stack([0 * gravity, self.velocity, gravity], axis=1)
 
-    def with_traces(self, traces: Float[np.ndarray, "impact sample"]) -> DisplacementRecord:
+    def with_traces(self, traces: PerSample) -> DisplacementRecord:
         """The record of other traces."""
         same = map(np.asarray, (self.n_samples, self.first_time, self.dt, self.error_sd))
         record = displacement_record(traces, *same)
@@ -123,12 +124,12 @@ class DisplacementRecord(NamedTuple):
 
 
 def displacement_record(
-    x: Float[np.ndarray, "impact sample"],
-    n_samples: Int[np.ndarray, " impact"],
-    first_time: Float[np.ndarray, " impact"],
-    dt: Float[np.ndarray, " impact"],
+    x: PerSample,
+    n_samples: IndexPerImpact,
+    first_time: PerImpact,
+    dt: PerImpact,
     error_sd: Float[np.ndarray, "impact 3"],
-    gravity: Float[np.ndarray, " impact"] | None = None,
+    gravity: PerImpact | None = None,
 ) -> DisplacementRecord:
     """Transform the traces and the errors' columns once, those of one length in one call.
 
@@ -179,12 +180,12 @@ class MeasuredDisplacement(MeasuredTraces):
         log_gain: log of recorded over true deceleration; None where its error is among those of the chain.
     """
 
-    omega_n: Float[Array, " impact"]
-    zeta: Float[Array, " impact"]
-    theta1: Float[Array, " impact"] | None
-    log_sigma: Float[Array, " impact"]
+    omega_n: JaxPerImpact
+    zeta: JaxPerImpact
+    theta1: JaxPerImpact | None
+    log_sigma: JaxPerImpact
     record: DisplacementRecord
-    log_gain: Float[Array, " impact"] | None = None
+    log_gain: JaxPerImpact | None = None
 
     @property
     def errors(self) -> Errors:
@@ -248,7 +249,7 @@ class MeasuredDisplacement(MeasuredTraces):
         noise = MovingAverage(inside, eigenvalue)
         return [SensorTrace(residual, jnp.stack(columns, axis=2), self.log_sigma, noise)]
 
-    def _drawn(self, key: Array) -> Float[Array, "impact sample"]:
+    def _drawn(self, key: Array) -> JaxPerSample:
         """Traces from the record's first two values on: the recursion, then the chain's errors."""
         key_of_x, key_of_errors = jax.random.split(key)
         record = self.record
@@ -265,11 +266,11 @@ class MeasuredDisplacement(MeasuredTraces):
         inside = jnp.arange(width) < record.n_samples[:, None]
         return jnp.where(inside, clean + added, 0.0)
 
-    def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
+    def noise_quantities(self) -> dict[str, JaxPerImpact]:
         """What the noise of each trace is, by the names that posteriors have."""
         return {"sigma_a": jnp.exp(self.log_sigma), "theta1": self.differences()[2]}
 
-    def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
+    def replicate(self, key: Array) -> dict[str, JaxPerSample]:
         """A replicate of every trace, as displacement [m] and as deceleration [m/s^2]; NaN past its end.
 
         Along gravity the deceleration is force over mass, as recorded ones are.

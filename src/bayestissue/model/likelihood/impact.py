@@ -20,6 +20,7 @@ from jax import Array
 from jax.scipy.special import log_ndtr
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerImpact, JaxPerSample
 from bayestissue.mechanics.elements import Element
 from bayestissue.mechanics.elements.element import Collision
 from bayestissue.model.likelihood import contact_cells, noise, small
@@ -50,11 +51,11 @@ class NoiseParameters(NamedTuple):
         log_gain: log of recorded over true deceleration; None where its error is among those of the chain.
     """
 
-    log_sigma: Float[Array, " impact"]
-    log_discrepancy: Float[Array, " impact"] | None = None
-    log_force_sigma: Float[Array, " impact"] | None = None
-    log_force_ratio: Float[Array, " impact"] | None = None
-    log_gain: Float[Array, " impact"] | None = None
+    log_sigma: JaxPerImpact
+    log_discrepancy: JaxPerImpact | None = None
+    log_force_sigma: JaxPerImpact | None = None
+    log_force_ratio: JaxPerImpact | None = None
+    log_gain: JaxPerImpact | None = None
 
 
 class Cells(NamedTuple):
@@ -98,7 +99,7 @@ class MeasuredImpact(MeasuredTraces):
         return collision_of(self.element, self.parameters, self.record)
 
     @property
-    def sigma(self) -> Float[Array, " impact"]:
+    def sigma(self) -> JaxPerImpact:
         """The noise's standard deviation [m/s^2]."""
         return jnp.exp(self.noise_parameters.log_sigma)
 
@@ -155,7 +156,7 @@ class MeasuredImpact(MeasuredTraces):
             density = density + jnp.log(contact_cells.cell_width(record))
         return Cells(products, errors, density)
 
-    def log_density(self) -> Float[Array, " impact"]:
+    def log_density(self) -> JaxPerImpact:
         """Log density of each recorded trace, its errors and its discrepancy integrated out."""
         record = self.record
         predicted = self.response()
@@ -201,14 +202,14 @@ class MeasuredImpact(MeasuredTraces):
         errors = draw_errors(key, products, known)
         return errors.at[:, CONTACT].add(record.first_time - chosen(record.cells))
 
-    def mean_first_time(self) -> Float[Array, " impact"]:
+    def mean_first_time(self) -> JaxPerImpact:
         """From contact to the first sample as the traces have it, by the mean over the cells [s]."""
         if not self.record.contact.reach:
             return self.record.first_time
         share = jax.nn.softmax(self.cells(self.response()).log_density, axis=0)
         return (share * self.record.cells).sum(0)
 
-    def as_drawn(self, contact_error: Float[Array, " impact"]) -> MeasuredImpact:
+    def as_drawn(self, contact_error: JaxPerImpact) -> MeasuredImpact:
         """The same with contact where such an error puts it, and known."""
         record = self.record
         known = record.at_contact(jnp.maximum(record.first_time - contact_error, -record.lead * record.dt))
@@ -228,15 +229,15 @@ class MeasuredImpact(MeasuredTraces):
         basis = self.record.discrepancy.basis
         return jnp.einsum("...im,imr->...ir", errors[..., : basis.shape[1]], basis)
 
-    def residuals(self, errors: Float[Array, "impact error"]) -> Float[Array, "impact sample"]:
+    def residuals(self, errors: Float[Array, "impact error"]) -> JaxPerSample:
         """What these errors and the impact leave of the recorded traces [m/s^2]; contact is known."""
         return jnp.where(self.record.inside(), self.channels()[0].left(errors), 0.0)
 
-    def noise_quantities(self) -> dict[str, Float[Array, " impact"]]:
+    def noise_quantities(self) -> dict[str, JaxPerImpact]:
         """What the noise of each trace is, by the names that posteriors have."""
         return {"sigma_d": self.sigma}
 
-    def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
+    def replicate(self, key: Array) -> dict[str, JaxPerSample]:
         """A replicate of every trace, the deceleration [m/s^2] with its discrepancy; NaN past its end.
 
         Of a force beside it one too [N]. Of a clipped trace the sensor's limit cuts it too. Where the

@@ -17,6 +17,7 @@ from jax import Array
 from jax.scipy.special import log_ndtr
 from jaxtyping import Bool, Float
 
+from bayestissue.base.arrays import JaxPerImpact
 from bayestissue.model.likelihood import small
 
 _LOG_ROOT_HALF_PI = 0.22579135264472744
@@ -57,11 +58,11 @@ class Products(NamedTuple):
     """
 
     gram: Any
-    log_scale: Float[Array, " impact"]
+    log_scale: JaxPerImpact
 
     @classmethod
     def of_unit_noise(
-        cls, gram: Any, log_determinant: Array, count: Array, log_sigma: Float[Array, " impact"]
+        cls, gram: Any, log_determinant: Array, count: Array, log_sigma: JaxPerImpact
     ) -> Products:
         """From products under T^-1, log det T, the number of values of each trace, and log sigma."""
         precision = jnp.exp(-2 * log_sigma)
@@ -158,9 +159,7 @@ def from_lower_entries(entries: Sequence[Array]) -> list[list[Array]]:
     return small.symmetric(size, lambda a, b: entries[a * (a + 1) // 2 + b])
 
 
-def part_of(
-    error: Float[Array, " impact"], sd: Float[Array, " impact"], share: Float[Array, " impact"], key: Array
-) -> Float[Array, " impact"]:
+def part_of(error: JaxPerImpact, sd: JaxPerImpact, share: JaxPerImpact, key: Array) -> JaxPerImpact:
     """A draw of one of two normal errors whose sum is known: N(share error, share (1 - share) sd^2).
 
     Args:

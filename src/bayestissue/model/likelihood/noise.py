@@ -30,6 +30,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_toeplitz, toeplitz
 
+from bayestissue.base.arrays import IndexPerImpact, JaxPerImpact, PerSample
 from bayestissue.base.padding import bucket
 from bayestissue.model.likelihood.channels import SensorTrace
 from bayestissue.model.likelihood.linear_errors import Products
@@ -107,7 +108,7 @@ def products(channel: SensorTrace[TraceNoise]) -> Products:
     return products_under(channel.noise, jnp.einsum("icar,icbr->abci", white, white), channel.log_sigma)
 
 
-def products_under(noise: TraceNoise, gram: Any, log_sigma: Float[Array, " impact"]) -> Products:
+def products_under(noise: TraceNoise, gram: Any, log_sigma: JaxPerImpact) -> Products:
     """Of what the products are under T^-1, rows of entries [cell, impact]."""
     log_determinant = jax.vmap(TraceNoise.log_determinant)(noise)
     return Products.of_unit_noise(gram, log_determinant, noise.inside.sum(-1), log_sigma)
@@ -193,9 +194,7 @@ def drawn(
     return jnp.fft.irfft(root * white, length)[..., : shape[-1]]
 
 
-def discrepancy_modes(
-    n_samples: Int[np.ndarray, " impact"], since_first: Float[np.ndarray, "impact sample"]
-) -> Discrepancy:
+def discrepancy_modes(n_samples: IndexPerImpact, since_first: PerSample) -> Discrepancy:
     """Eigenvectors U and eigenvalues lambda of a discrepancy's kernel on each impact's samples.
 
     The kernel is taken through its polynomial at Chebyshev's points, so that the eigenvectors of 24 by 24

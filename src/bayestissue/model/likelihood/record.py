@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.base.arrays import IndexPerImpact, JaxPerImpact, JaxPerSample, PerImpact
 from bayestissue.base.padding import padded_zeros
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.model.likelihood.linear_errors import part_of
@@ -70,8 +71,8 @@ class Contact(NamedTuple):
     before: Float[Array, "impact reach"]
     n_before: Int[Array, " impact"]
     n_quiet: Int[Array, " impact"]
-    quiet_log_density: Float[Array, " impact"]
-    fraction: Float[Array, " impact"]
+    quiet_log_density: JaxPerImpact
+    fraction: JaxPerImpact
 
     @classmethod
     def known(cls, uniform: Bool[Array | np.ndarray, " impact"]) -> Contact:
@@ -83,10 +84,10 @@ class Contact(NamedTuple):
     def anywhere(
         cls,
         before: Float[np.ndarray, "impact reach"],
-        n_before: Int[np.ndarray, " impact"],
-        quiet_sd: Float[np.ndarray, " impact"] | None = None,
+        n_before: IndexPerImpact,
+        quiet_sd: PerImpact | None = None,
         place: float | None = None,
-        n_quiet: Int[np.ndarray, " impact"] | int = 0,
+        n_quiet: IndexPerImpact | int = 0,
     ) -> Contact:
         """In any of the intervals of ``before``; with the noise's standard deviation in a quiet part.
 
@@ -120,7 +121,7 @@ class UnevenTimes(NamedTuple):
         before: of the samples before the first, as `Contact.before` has them, rising to below 0.
     """
 
-    later: Float[Array, "impact sample"]
+    later: JaxPerSample
     before: Float[Array, "impact reach"]
 
     @property
@@ -165,9 +166,9 @@ class ForceRows(NamedTuple):
 
     y: Float[Array, "impact row"]
     n_samples: Int[Array, " impact"]
-    first_time: Float[Array, " impact"]
-    dt: Float[Array, " impact"]
-    tip: Float[Array, " impact"] | None
+    first_time: JaxPerImpact
+    dt: JaxPerImpact
+    tip: JaxPerImpact | None
     colour: Colour
     rate: Int[Array, " impact"]
     usable: Bool[Array, "impact row"] | None = None
@@ -178,7 +179,7 @@ class ForceRows(NamedTuple):
         """Whether it was recorded below the tissue."""
         return self.tip is None
 
-    def share(self, log_ratio: Float[Array, " impact"]) -> Float[Array, " impact"]:
+    def share(self, log_ratio: JaxPerImpact) -> JaxPerImpact:
         """What it reads over what moves M: e^a - m / M, a being ``log_ratio``, and below the tissue e^a."""
         return jnp.exp(log_ratio) if self.tip is None else jnp.exp(log_ratio) - self.tip
 
@@ -229,27 +230,27 @@ class DecelerationRecord(NamedTuple):
         earlier: where contact is a parameter and put there, by how many of these intervals before the middle.
     """
 
-    d: Float[Array, "impact sample"]
+    d: JaxPerSample
     n_samples: Int[Array, " impact"]
-    first_time: Float[Array, " impact"]
-    dt: Float[Array, " impact"]
-    velocity: Float[Array, " impact"]
+    first_time: JaxPerImpact
+    dt: JaxPerImpact
+    velocity: JaxPerImpact
     error_sd: Float[Array, "impact error"]
-    velocity_share: Float[Array, " impact"]
-    mass: Float[Array, " impact"]
-    surroundings: dict[str, Float[Array, " impact"]]
+    velocity_share: JaxPerImpact
+    mass: JaxPerImpact
+    surroundings: dict[str, JaxPerImpact]
     contact: Contact
     discrepancy: Discrepancy
     colour: Colour
     rate: Int[Array, " impact"]
-    common_depth: Float[Array, " impact"]
+    common_depth: JaxPerImpact
     low_pass: LowPass | None = None
     uneven: UnevenTimes | None = None
-    clipped: Float[Array, "impact sample"] | None = None
+    clipped: JaxPerSample | None = None
     force: ForceRows | None = None
-    shared_by: Float[Array, " impact"] | None = None
-    interval: Float[Array, " impact"] | None = None
-    earlier: Float[Array, " impact"] | None = None
+    shared_by: JaxPerImpact | None = None
+    interval: JaxPerImpact | None = None
+    earlier: JaxPerImpact | None = None
 
     @classmethod
     def from_arrays(
@@ -290,7 +291,7 @@ class DecelerationRecord(NamedTuple):
         return on_device
 
     @property
-    def traces(self) -> Float[Array, "impact sample"]:
+    def traces(self) -> JaxPerSample:
         """The recorded decelerations."""
         return self.d
 
@@ -308,17 +309,17 @@ class DecelerationRecord(NamedTuple):
         with_force = self.force is not None
         return {name: link for name, link in _LINKS.items() if with_force or not name.startswith("force")}
 
-    def of_gain(self, log_gain: Float[Array, " impact"]) -> Float[Array, "impact error"]:
+    def of_gain(self, log_gain: JaxPerImpact) -> Float[Array, "impact error"]:
         """What a gain in error adds to the errors of the chain, the velocity's where that is one with it."""
         column, unit = (VELOCITY, self.velocity) if self.side_by_side else (GAIN, 1.0)
         return jnp.zeros_like(self.error_sd).at[:, column].set(unit * jnp.expm1(log_gain))
 
-    def velocity_error(self, errors: Float[Array, "impact error"], key: Array) -> Float[Array, " impact"]:
+    def velocity_error(self, errors: Float[Array, "impact error"], key: Array) -> JaxPerImpact:
         """A draw of the error of the recorded velocity given those of the chain [m/s]."""
         return part_of(errors[:, VELOCITY], self.error_sd[:, VELOCITY], self.velocity_share, key)
 
     @property
-    def gravity(self) -> Float[Array, " impact"]:
+    def gravity(self) -> JaxPerImpact:
         """The part of gravity along the motion [m/s^2]."""
         return self.surroundings.get(GRAVITY, jnp.zeros_like(self.mass))
 
@@ -373,16 +374,16 @@ class DecelerationRecord(NamedTuple):
             return self
         return self._replace(contact=self.contact._replace(uniform=jnp.zeros_like(self.contact.uniform)))
 
-    def at_contact(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
+    def at_contact(self, first_time: JaxPerImpact) -> DecelerationRecord:
         """The same traces with contact so long before the first sample [s], its error about that."""
         return self.with_first_time(first_time)._replace(contact=Contact.known(self.contact.uniform))
 
-    def with_contact_earlier(self, by: Float[Array, " impact"]) -> DecelerationRecord:
+    def with_contact_earlier(self, by: JaxPerImpact) -> DecelerationRecord:
         """The same traces with contact so many sampling intervals before the middle of its own."""
         assert self.interval is not None  # noqa: S101 - for the type checker
         return self.with_first_time(self.first_time + by * self.interval)._replace(earlier=by)
 
-    def log_seen_in_interval(self) -> Float[Array, " impact"] | float:
+    def log_seen_in_interval(self) -> JaxPerImpact | float:
         """What the samples at both ends of contact's interval say of its place: it is between them.
 
         The earlier one shows no force and the later one does. The likelihood of the others goes on smoothly
@@ -394,7 +395,7 @@ class DecelerationRecord(NamedTuple):
         beyond = jnp.maximum(jnp.abs(self.earlier) - (0.5 + _CLEAR), 0.0)
         return jnp.where(self.interval > 0, -jnp.square(beyond / _CLEAR) / 2, 0.0)
 
-    def with_first_time(self, first_time: Float[Array, " impact"]) -> DecelerationRecord:
+    def with_first_time(self, first_time: JaxPerImpact) -> DecelerationRecord:
         """The same traces, all of them, with contact so long before the first sample [s].
 
         Where contact may be in any of several intervals, its place in each of them moves by as much.
@@ -413,7 +414,7 @@ class DecelerationRecord(NamedTuple):
         """True where there is a sample that is not clipped."""
         return self.inside() if self.clipped is None else self.inside() & (self.clipped == 0)
 
-    def within_limits(self, d: Float[Array, "impact sample"]) -> Float[Array, "impact sample"]:
+    def within_limits(self, d: JaxPerSample) -> JaxPerSample:
         """What the sensor makes of such decelerations: where it clipped a trace its limit is the trace's."""
         if self.clipped is None:
             return d
@@ -421,7 +422,7 @@ class DecelerationRecord(NamedTuple):
         lowest = jnp.where(self.clipped < 0, self.d, -jnp.inf).max(axis=1, keepdims=True)
         return jnp.clip(d, lowest, highest)
 
-    def time(self) -> Float[Array, "impact sample"]:
+    def time(self) -> JaxPerSample:
         """Time since contact, also past a row's end [s]."""
         if self.uneven is not None:
             return self.first_time[:, None] + self.uneven.later

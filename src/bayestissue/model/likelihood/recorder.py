@@ -21,6 +21,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Complex, Float
 
+from bayestissue.base.arrays import JaxPerImpact, JaxPerSample
+
 # Of Gauss and Legendre's rule, exact to rounding for poles of many intervals.
 _NODES = 16
 # Between contact and the first sample, which may be some intervals later.
@@ -95,9 +97,9 @@ class Flow(NamedTuple):
         dt: of the grid [s].
     """
 
-    d: Float[Array, "impact sample"]
-    jerk: Float[Array, "impact sample"]
-    dt: Float[Array, " impact"]
+    d: JaxPerSample
+    jerk: JaxPerSample
+    dt: JaxPerImpact
 
     def while_pushing(self) -> Flow:
         """The same, 0 once the force has fallen to 0."""

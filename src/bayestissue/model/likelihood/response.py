@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerImpact, JaxPerSample
 from bayestissue.mechanics.elements import Element, linear, solver
 from bayestissue.mechanics.elements.element import GRAVITY, Collision
 from bayestissue.model.likelihood.record import Contact, DecelerationRecord, ForceRows
@@ -51,7 +52,7 @@ class Response(NamedTuple):
     jerk: Float[Array, "impact *cell sample"]
     force: Response | None = None
 
-    def recorded(self, gain: Float[Array, " impact"]) -> Response:
+    def recorded(self, gain: JaxPerImpact) -> Response:
         """The deceleration so many times the true one; a force has a gain of its own."""
         d, by_velocity, jerk = (gain.reshape(-1, *[1] * (part.ndim - 1)) * part for part in self[:3])
         return Response(d, by_velocity, jerk, self.force)
@@ -66,9 +67,9 @@ class ElementMotion(NamedTuple):
         d: deceleration, that is force over mass [m/s^2].
     """
 
-    x: Float[Array, "impact sample"]
-    v: Float[Array, "impact sample"]
-    d: Float[Array, "impact sample"]
+    x: JaxPerSample
+    v: JaxPerSample
+    d: JaxPerSample
 
 
 def collision_of(

@@ -25,6 +25,7 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.base.arrays import IndexPerImpact
 from bayestissue.base.padding import bucket
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 
@@ -139,7 +140,7 @@ def expected_by_cell(
 
 def arrange(
     columns: Sequence[Float[np.ndarray, "cell column"]],
-    cell: Int[np.ndarray, " impact"],
+    cell: IndexPerImpact,
     groups: Sequence[slice],
     mass_error: Float[np.ndarray, " parameter"] | None = None,
 ) -> PopulationDesign:
@@ -301,7 +302,7 @@ def _distinct(*keys: Int[np.ndarray, " item"]) -> tuple[Int[np.ndarray, "key one
     return items, which.reshape(-1)
 
 
-def _members(cell: Int[np.ndarray, " impact"], cells: int) -> Int[np.ndarray, "block member cell"]:
+def _members(cell: IndexPerImpact, cells: int) -> Int[np.ndarray, "block member cell"]:
     number = _number_within(cell)
     most = bucket(int(number.max(initial=0)) + 1)
     blocks = -(-most * cells // max(SETTINGS.impacts_at_once, cells))
