@@ -181,9 +181,9 @@ def reproduce(model: Model = None, seed: Seed = 0, *, call: Call) -> Made:
     design = published_design(observations, specification, source=str(file))
     competing = competing_designs(observations, specification, str(file))
     say("recomputing what was published", 0, 1)
-    results_by_name = {"reproduction": reproduce_published(tables)}
+    reproduction = reproduce_published(tables)
     say("auditing the publication", 0, 1)
-    results_by_name["audit"] = audit_published(tables)
+    results_by_name = {"reproduction": reproduction, "audit": audit_published(tables, reproduction)}
     analysis = analyse(observations, design, competing, specification, seed, say)
     results_by_name |= analysis.tables
     words, passed = verdict_in_words(analysis.diagnostics), analysis.diagnostics["passed"]

@@ -39,7 +39,11 @@ NAMES = ("Mass", "Mass Seq", "Velocity * Mass", "Energy* Mass *Velocity", "Energ
 
 
 @pytest.mark.parametrize(
-    ("name", "make"), [("reproduction", reproduce_published), ("audit", audit_published)]
+    ("name", "make"),
+    [
+        ("reproduction", reproduce_published),
+        ("audit", lambda published: audit_published(published, reproduce_published(published))),
+    ],
 )
 def test_every_printed_number_is_judged_as_it_was(
     published: PublishedTables, tmp_path: Path, name: str, make: Callable[[PublishedTables], pd.DataFrame]

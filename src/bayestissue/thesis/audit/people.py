@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from bayestissue.thesis.audit.inconsistencies import AuditedImpacts, Numbers
+from bayestissue.thesis.audit.plausibility import AuditedImpacts, Numbers
 
 _TELLING = 0.5
 """An intraclass correlation that may be as high as this is not refuted by a table with few people."""

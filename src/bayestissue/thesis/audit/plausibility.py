@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,8 +18,9 @@ from statsmodels.robust.robust_linear_model import RLM
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
 from bayestissue.mechanics.oscillator import peak_displacement, time_to_peak
+from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.recordings.signal.integrals import trapezoids
-from bayestissue.thesis.audit.inconsistencies import AuditedImpacts, Numbers, number_list
+from bayestissue.thesis.reproduction.agreement import decimals
 
 # Something of each impact, and of each made-up blow over time.
 PerImpact = Float[np.ndarray, " impact"]
@@ -27,6 +29,15 @@ Pulses = Float[np.ndarray, "pulse time"]
 _SAMPLES = 2001
 # A hard object struck against tissue over bone comes to rest in 5 to 50 ms; twice that is out of reach.
 SLOWEST_PEAK_S = 0.1
+
+
+type Numbers = Mapping[str, Any]
+"""What a check yields of a thing that it does not believe, by the names in its texts."""
+
+
+def number_list(values: Iterable[float]) -> str:
+    """``1.5, 1.75``: numbers as a finding names them."""
+    return ", ".join(f"{value:g}" for value in values)
 
 
 @dataclass(frozen=True)
@@ -43,22 +54,56 @@ class MassExponent:
         return abs(self.slope - 1) < 0.15 and self.low > 0.5
 
 
-def mass_exponent(impacts: AuditedImpacts) -> MassExponent:
-    """Least squares of the conditions' mean log K on log M.
+@dataclass(frozen=True)
+class AuditedImpacts:
+    """Estimates with what was measured beside them.
 
-    Conditions, not impacts, are the units: mass varies between conditions only.
+    Attributes:
+        rows: columns subject, trial, energy_J, velocity_m_s, mass_kg, K (N/m) and C (N s/m); all positive.
+        conditions: the trials' energy_J, velocity_m_s and mass_kg; may name trials without rows.
+        tissue_m: greatest thickness of the tissue, in m.
+        digits: number of decimals that K and C were printed with.
     """
-    rows = impacts.rows.assign(log=np.log(impacts.rows["K"]), log_mass=np.log(impacts.rows["mass_kg"]))
-    means = rows.groupby("trial")[["log", "log_mass"]].mean()
-    line = stats.linregress(means["log_mass"], means["log"])
-    half = stats.t.ppf(0.975, len(means) - 2) * line.stderr
-    return MassExponent(float(line.slope), float(line.slope - half), float(line.slope + half))
+
+    rows: pd.DataFrame
+    conditions: pd.DataFrame
+    tissue_m: float
+    digits: int
+
+    @cached_property
+    def omega_n(self) -> Float[np.ndarray, " impact"]:
+        """ω_n = √(K/M), rad/s (thesis 2.12)."""
+        return np.sqrt(self.rows["K"].to_numpy() / self.rows["mass_kg"].to_numpy())
+
+    @cached_property
+    def zeta(self) -> Float[np.ndarray, " impact"]:
+        """ζ = C / (2√(KM)) (thesis 2.12)."""
+        rows = self.rows
+        return rows["C"].to_numpy() / (2 * np.sqrt(rows["K"].to_numpy() * rows["mass_kg"].to_numpy()))
+
+    @cached_property
+    def mass_exponent(self) -> MassExponent:
+        """Least squares of the conditions' mean log K on log M.
+
+        Conditions, not impacts, are the units: mass varies between conditions only.
+        """
+        rows = self.rows.assign(log=np.log(self.rows["K"]), log_mass=np.log(self.rows["mass_kg"]))
+        means = rows.groupby("trial")[["log", "log_mass"]].mean()
+        line = stats.linregress(means["log_mass"], means["log"])
+        half = stats.t.ppf(0.975, len(means) - 2) * line.stderr
+        return MassExponent(float(line.slope), float(line.slope - half), float(line.slope + half))
 
 
-def _in_proportion(impacts: AuditedImpacts) -> MassExponent | None:
-    """The mass exponent of K where it is 1 (`MassExponent.is_one`)."""
-    exponent = mass_exponent(impacts)
-    return exponent if exponent.is_one else None
+def published_impacts(tables: PublishedTables) -> AuditedImpacts:
+    """The impacts whose estimates were published."""
+    claims = tables.claims
+    layers = claims["quantity"].str.endswith("thickness") & claims["statistic"].eq("maximum (mm)")
+    return AuditedImpacts(
+        tables.estimates,
+        conditions=tables.averages.drop_duplicates("trial").set_index("trial"),
+        tissue_m=float(claims.loc[layers, "value"].sum()) / 1000,
+        digits=int(tables.estimates["K_text"].map(decimals).max()),
+    )
 
 
 @dataclass(frozen=True)
@@ -115,8 +160,7 @@ def constant_natural_frequency(impacts: AuditedImpacts) -> Iterator[Numbers]:
 
     Major: K = M ω_n², so a K that follows M with ω_n the same for all says nothing about the tissue.
     """
-    exponent = _in_proportion(impacts)
-    if exponent is None:
+    if not impacts.mass_exponent.is_one:
         return
     stiffness = impacts.rows["K"].to_numpy()
     per_mass = stiffness / impacts.rows["mass_kg"].to_numpy()
@@ -126,7 +170,7 @@ def constant_natural_frequency(impacts: AuditedImpacts) -> Iterator[Numbers]:
         {"min": values.min(), "max": values.max(), "variation": variation(values)}
         for values in (stiffness, impacts.omega_n)
     )
-    yield {"K": K, "per_mass": variation(per_mass), "exponent": exponent, "omega": omega}
+    yield {"K": K, "per_mass": variation(per_mass), "exponent": impacts.mass_exponent, "omega": omega}
 
 
 def frequency_and_damping_on_one_curve(impacts: AuditedImpacts) -> Iterator[Numbers]:
@@ -137,7 +181,7 @@ def frequency_and_damping_on_one_curve(impacts: AuditedImpacts) -> Iterator[Numb
 
     Major: two estimates that lie on one line hold one piece of information, not two.
     """
-    if _in_proportion(impacts) is None:
+    if not impacts.mass_exponent.is_one:
         return
     curve = frequency_curve(impacts)
     if curve.holds:
@@ -150,7 +194,7 @@ def equal_masses_at_other_energies(impacts: AuditedImpacts) -> Iterator[Numbers]
 
     Minor: it separates mass from energy and velocity, which the design otherwise ties together.
     """
-    if _in_proportion(impacts) is None:
+    if not impacts.mass_exponent.is_one:
         return
     conditions = impacts.rows.groupby("trial")[["mass_kg", "energy_J", "K"]].mean()
     words: list[dict[str, str]] = []
@@ -212,7 +256,7 @@ def frequency_of_the_window(impacts: AuditedImpacts) -> Iterator[Numbers]:
 
     Minor: it shows where the one natural frequency may come from; only the recordings could prove it.
     """
-    if _in_proportion(impacts) is None or variation(impacts.omega_n) > 0.1:
+    if not impacts.mass_exponent.is_one or variation(impacts.omega_n) > 0.1:
         return
     product, zeta = (pd.Series(values).agg(["min", "max"]) for values in centred_fit(*made_up_pulses()))
     omega, mass = np.median(impacts.omega_n), impacts.conditions["mass_kg"]

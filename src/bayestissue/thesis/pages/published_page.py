@@ -28,7 +28,7 @@ from bayestissue.reports.pages.posterior import (
     sureness,
 )
 from bayestissue.reports.pages.wording import relative
-from bayestissue.thesis.audit.inconsistencies import TEXTS
+from bayestissue.thesis.audit import TEXTS
 from bayestissue.thesis.pages import published_figures, published_run
 from bayestissue.thesis.pages.published_run import PublishedRun
 from bayestissue.thesis.reproduction.conditions import Quantity
@@ -66,7 +66,7 @@ def mass_conclusion(run: PublishedRun) -> str:
 
 def constant_frequency_finding(run: PublishedRun) -> int | None:
     """The row of the audit that finds K/M (or ωₙ) constant, or None if the audit doesn't say so."""
-    rows = run.audit.index[run.audit["what"] == TEXTS["constant_natural_frequency"]["what"]]
+    rows = run.audit.index[run.audit["what"] == TEXTS["plausibility"]["constant_natural_frequency"]["what"]]
     return int(rows[0]) if len(rows) else None
 
 

@@ -14,7 +14,7 @@ from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of_
 from bayestissue.reports.pages.posterior import QUANTITIES, spread
 from bayestissue.reports.pages.run_folder import POSTERIOR_TABLES, PosteriorRun, of_table
 from bayestissue.reports.pages.wording import listed, significant
-from bayestissue.thesis.audit.inconsistencies import SEVERITIES
+from bayestissue.thesis.audit import SEVERITIES
 from bayestissue.thesis.reproduction.conditions import Quantity
 
 _GROUPS = ("posterior", "observed_data", "posterior_predictive", "constant_data")

@@ -36,7 +36,6 @@ from bayestissue.thesis.reproduction.relations import (
     correlation_of_averages,
     correlation_of_impacts,
     correlations_of_impacts,
-    p_value,
     select_forward,
 )
 
@@ -60,11 +59,14 @@ def largest(table: pd.DataFrame) -> Extreme:
     A lost condition has its largest impact between average + d_low and average + d_high, where
     `deviation_of_largest` gives both; remaining impacts are known.
     """
-    lost = table[~table["from_rows"]]
     known = float(table["maximum"].max())
-    ends = [_largest_of_lost(condition) for _, condition in lost.iterrows()]
-    low, high = (max([known, *values]) for values in zip(*ends, strict=True)) if ends else (known, known)
-    return Extreme(low, high)
+    ends = [(known, known)]
+    for _, lost in table[~table["from_rows"]].iterrows():
+        average, rounding, n = lost["average"], lost["average_rounding"], int(lost["impacts"])
+        spread = lost["range"] + lost["range_rounding"]
+        low, high = deviation_of_largest(lost["sd"] + lost["sd_rounding"], spread, n)
+        ends.append((average + low - rounding, average + high + rounding))
+    return Extreme(*map(max, zip(*ends, strict=True)))
 
 
 def smallest(table: pd.DataFrame) -> Extreme:
@@ -94,11 +96,14 @@ def deviation_of_largest(sd: float, spread: float, n: int) -> tuple[float, float
     return max(low, float(spread - half) / 2), min(high, float(spread + half) / 2)
 
 
-def _largest_of_lost(condition: pd.Series) -> tuple[float, float]:
-    n, rounding = int(condition["impacts"]), condition["average_rounding"]
-    spread = condition["range"] + condition["range_rounding"]
-    low, high = deviation_of_largest(condition["sd"] + condition["sd_rounding"], spread, n)
-    return condition["average"] + low - rounding, condition["average"] + high + rounding
+# Of a statistic: the two ends that it follows from, and how.
+DERIVED = {
+    "range": ("minimum", "maximum", difference),
+    "ratio of maximum to minimum": ("minimum", "maximum", ratio),
+    "range of trial averages": ("minimum of trial averages", "maximum of trial averages", difference),
+    "ratio of trial averages": ("minimum of trial averages", "maximum of trial averages", ratio),
+}
+_CORRELATION = re.compile(r"correlation (?P<averaged>of trial averages )?with (?P<name>.+)")
 
 
 @dataclass(frozen=True)
@@ -114,27 +119,43 @@ class Evidence:
         return conditions(self.published, self.quantity)
 
     @cached_property
-    def correlations(self) -> dict[str, float]:
-        """Correlations over all impacts with the variables of Table 5.12 that can be recomputed."""
-        return correlations_of_impacts(self.published, self.table)
-
-    @cached_property
     def rounding(self) -> float:
         """How far the rounding of the printed numbers can have moved a single impact."""
         return float(self.table["average_rounding"].max())
 
     def statistic(self, name: str) -> Recomputed:
         """A statistic, by the name that it has among the claims."""
-        if name in _STATISTICS:
-            return _STATISTICS[name](self)
         if matched := _CORRELATION.fullmatch(name):
             correlation = correlation_of_averages if matched["averaged"] else correlation_of_impacts
             return correlation(matched["name"], self.table)
-        return Recomputed(None, note=_NO_RULE)
+        return self._statistics.get(name, Recomputed(None, note="no rule recomputes this statistic"))
 
-    def end_of_impacts(self, name: str) -> Recomputed:
-        """The minimum or maximum of all impacts, where the impacts that remain decide it."""
-        extreme = _EXTREMES[name](self.table)
+    @cached_property
+    def _statistics(self) -> dict[str, Recomputed]:
+        table = self.table
+        extremes = {"minimum": smallest(table), "maximum": largest(table)}
+        averages = {
+            "minimum of trial averages": self._average(int(table["average"].argmin())),
+            "maximum of trial averages": self._average(int(table["average"].argmax())),
+        }
+        ends = averages | {name: self._possible_end(name, extreme) for name, extreme in extremes.items()}
+        return {
+            "mean": Recomputed(grand_mean(table), self.rounding),
+            "variance": self._variance(),
+            **{name: self._end_of_impacts(extreme) for name, extreme in extremes.items()},
+            **averages,
+            **{name: _of_ends(rule, ends[low], ends[high]) for name, (low, high, rule) in DERIVED.items()},
+            **self._counts(),
+        }
+
+    def _variance(self) -> Recomputed:
+        """Sums of squares within and between conditions over n - 1; ‖y + e‖² moves by 2‖y‖‖e‖ + ‖e‖²."""
+        squares, error = sum_of_squares(self.table), rounding_norm(self.table)
+        degrees = float(self.table["impacts"].sum()) - 1
+        return Recomputed(squares / degrees, (2 * np.sqrt(squares) * error + error**2) / degrees)
+
+    def _end_of_impacts(self, extreme: Extreme) -> Recomputed:
+        """The smallest or largest of all impacts, where the impacts that remain decide it."""
         if extreme.decided:
             return Recomputed(extreme.low, self.rounding)
         return Recomputed(
@@ -143,11 +164,11 @@ class Evidence:
             f"and range of the lost trials put it between {extreme.low:.3f} and {extreme.high:.3f}",
         )
 
-    def possible_end_of_impacts(self, name: str) -> Recomputed:
+    def _possible_end(self, name: str, extreme: Extreme) -> Recomputed:
         """The same; where it isn't decided, the text's, if that is possible at all."""
-        extreme, claims = _EXTREMES[name](self.table), self.published.claims
         if extreme.decided:
-            return Recomputed(extreme.low, self.rounding)
+            return self._end_of_impacts(extreme)
+        claims = self.published.claims
         values = claims["value"][(claims["quantity"] == self.quantity) & (claims["statistic"] == name)]
         possible = values[values.between(extreme.low, extreme.high)]
         if possible.empty:
@@ -156,94 +177,57 @@ class Evidence:
         note = f"the {name} is the {value:g} of the text, since its impact is lost"
         return Recomputed(value, self.rounding, note)
 
-    def end_of_averages(self, name: str) -> Recomputed:
-        """The smallest or largest average of a condition."""
-        rows = self.table.reset_index()
-        average = rows["average"]
-        condition = rows.iloc[average.argmin() if name == "minimum" else average.argmax()]
+    def _average(self, position: int) -> Recomputed:
+        """The average of a condition."""
+        condition = self.table.reset_index().iloc[position]
         lost = f"the average of trial {condition['trial']} as printed: its impacts are lost"
         note = "" if condition["from_rows"] else lost
         return Recomputed(float(condition["average"]), float(condition["average_rounding"]), note)
 
+    def _counts(self) -> dict[str, Recomputed]:
+        """How many trials, people, estimates and variables there are, and variables of some kind.
 
-def _variance(evidence: Evidence) -> Recomputed:
-    """Sums of squares within and between conditions over n - 1; ‖y + e‖² moves by 2‖y‖‖e‖ + ‖e‖²."""
-    table = evidence.table
-    squares = sum_of_squares(table)
-    degrees, error = float(table["impacts"].sum()) - 1, rounding_norm(table)
-    return Recomputed(squares / degrees, (2 * np.sqrt(squares) * error + error**2) / degrees)
+        Variables are those of Table 5.12 (significance and order of their correlations over all impacts) and
+        of Table 5.17 (forward selection among them, equal products counted once).
+        """
+        estimates, correlations = (
+            self.published.estimates,
+            correlations_of_impacts(self.published, self.table),
+        )
+        leading = np.cumprod(["mass" in factors(name) for name in correlations.index])
+        stepwise = self.published.stepwise
+        rows = stepwise[stepwise["quantity"] == self.quantity]
+        entered = select_forward(self.table["average"], candidates(rows["variable"], self.table))
+        printed = (rows["status"] == "entered").sum()
+        names = stepwise["variable"]
+        recomputed = f"of the {len(correlations)} that can be recomputed"
+        counts = {
+            "number of trials": (len(self.table), ""),
+            "number of subjects": (estimates["subject"].nunique(), ""),
+            "number of estimates": (self.table["impacts"].sum(), f"{len(estimates)} of them remain"),
+            "number of variables significantly correlated": (
+                (correlations["p"] < ALPHA).sum(),
+                f"{recomputed}, at {ALPHA}",
+            ),
+            "highest correlations with mass as a component": (leading.sum(), recomputed),
+            "number of variables in the final stepwise model": (
+                len(entered),
+                f"without skin fold and muscle thickness; Table 5.17 enters {printed}",
+            ),
+            "number of variables available to the stepwise analysis": (
+                names.map(factors).nunique(),
+                f"Table 5.17 lists {names.nunique()} names, of which equal products are counted once",
+            ),
+        }
+        return {name: Recomputed(float(count), note=note) for name, (count, note) in counts.items()}
 
 
-def _of_ends(rule: Callable[[Rounded, Rounded], Rounded], end: Callable[[str], Recomputed]) -> Recomputed:
+def _of_ends(rule: Callable[[Rounded, Rounded], Rounded], low: Recomputed, high: Recomputed) -> Recomputed:
     """What follows from a smallest and a largest number, where both are known."""
-    low, high = end("minimum"), end("maximum")
     note = "; ".join(filter(None, (low.note, high.note)))
     if low.value is None or high.value is None:
         return Recomputed(None, note=note)
     return Recomputed(*rule((low.value, low.rounding), (high.value, high.rounding)), note)
-
-
-def _with_mass_among_highest(evidence: Evidence) -> Recomputed:
-    """How many variables of Table 5.12 lead the order of absolute correlations and have mass in them."""
-    r = evidence.correlations
-    leading = np.cumprod(["mass" in factors(name) for name in sorted(r, key=lambda name: -abs(r[name]))])
-    return Recomputed(float(leading.sum()), note=f"of the {len(r)} that can be recomputed")
-
-
-def _significantly_correlated(evidence: Evidence) -> Recomputed:
-    """How many variables of Table 5.12 correlate with the quantity over all impacts, p below `ALPHA`."""
-    r, n = evidence.correlations.values(), float(evidence.table["impacts"].sum())
-    count = sum(p_value(value, n) < ALPHA for value in r)
-    return Recomputed(float(count), note=f"of the {len(r)} that can be recomputed, at {ALPHA}")
-
-
-def _in_final_model(evidence: Evidence) -> Recomputed:
-    """How many variables of Table 5.17 forward selection enters."""
-    stepwise = evidence.published.stepwise
-    rows = stepwise[stepwise["quantity"] == evidence.quantity]
-    entered = select_forward(evidence.table["average"], candidates(rows["variable"], evidence.table))
-    printed = (rows["status"] == "entered").sum()
-    note = f"without skin fold and muscle thickness; Table 5.17 enters {printed}"
-    return Recomputed(float(len(entered)), note=note)
-
-
-def _estimates(evidence: Evidence) -> Recomputed:
-    """How many impacts were estimated."""
-    left = f"{len(evidence.published.estimates)} of them remain"
-    return Recomputed(float(evidence.table["impacts"].sum()), note=left)
-
-
-def _available(evidence: Evidence) -> Recomputed:
-    """How many variables Table 5.17 chooses among, equal products counted once."""
-    names = evidence.published.stepwise["variable"]
-    listed = f"Table 5.17 lists {names.nunique()} names, of which equal products are counted once"
-    return Recomputed(float(names.map(factors).nunique()), note=listed)
-
-
-_EXTREMES = {"minimum": smallest, "maximum": largest}
-_STATISTICS: dict[str, Callable[[Evidence], Recomputed]] = {
-    "mean": lambda evidence: Recomputed(grand_mean(evidence.table), evidence.rounding),
-    "variance": _variance,
-    "minimum": lambda evidence: evidence.end_of_impacts("minimum"),
-    "maximum": lambda evidence: evidence.end_of_impacts("maximum"),
-    "range": lambda evidence: _of_ends(difference, evidence.possible_end_of_impacts),
-    "ratio of maximum to minimum": lambda evidence: _of_ends(ratio, evidence.possible_end_of_impacts),
-    "minimum of trial averages": lambda evidence: evidence.end_of_averages("minimum"),
-    "maximum of trial averages": lambda evidence: evidence.end_of_averages("maximum"),
-    "range of trial averages": lambda evidence: _of_ends(difference, evidence.end_of_averages),
-    "ratio of trial averages": lambda evidence: _of_ends(ratio, evidence.end_of_averages),
-    "number of variables significantly correlated": _significantly_correlated,
-    "number of variables in the final stepwise model": _in_final_model,
-    "highest correlations with mass as a component": _with_mass_among_highest,
-    "number of trials": lambda evidence: Recomputed(float(len(evidence.table))),
-    "number of subjects": lambda evidence: Recomputed(
-        float(evidence.published.estimates["subject"].nunique())
-    ),
-    "number of estimates": _estimates,
-    "number of variables available to the stepwise analysis": _available,
-}
-_CORRELATION = re.compile(r"correlation (?P<averaged>of trial averages )?with (?P<name>.+)")
-_NO_RULE = "no rule recomputes this statistic"
 
 
 def claim_lines(published: PublishedTables) -> Iterator[PublishedNumber]:

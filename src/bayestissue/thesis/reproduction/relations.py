@@ -35,20 +35,15 @@ _LOST_TABLE = "the body of Table 5.13 is lost"
 def correlation_of_averages(name: str, table: pd.DataFrame) -> Recomputed:
     """Pearson's r between a covariate and the averages of the conditions (Tables 5.14 and 5.15).
 
-    r is the cosine of the angle between the two centred vectors. Moving one by an error of norm e turns it
-    by at most arcsin(e / its norm), and a cosine changes no faster than its angle: this is ``rounding``.
+    The averages are taken as the only impact of their condition each; see `correlation_of_impacts`.
     """
-    x = covariate(name, table)
-    if x is None:
-        # The same ten people were hit in every condition, so their average thickness can't vary.
-        return Recomputed(
-            None,
-            note=f"{NEVER_TABULATED}; over the same ten people their averages can't differ between trials",
-        )
-    y = table["average"].to_numpy()
-    norm = float(np.linalg.norm(y - y.mean()))
-    error = float(np.linalg.norm(table["average_rounding"]))
-    return Recomputed(float(np.corrcoef(x, y)[0, 1]), rounding=_angle(error, norm))
+    r = correlation_of_impacts(name, table.assign(impacts=1))
+    if r.value is not None:
+        return r
+    # The same ten people were hit in every condition, so their average thickness can't vary.
+    return replace(
+        r, note=f"{NEVER_TABULATED}; over the same ten people their averages can't differ between trials"
+    )
 
 
 def correlation_of_impacts(name: str, table: pd.DataFrame) -> Recomputed:
@@ -57,6 +52,9 @@ def correlation_of_impacts(name: str, table: pd.DataFrame) -> Recomputed:
     Within a condition the covariate is constant, so impacts enter through their averages and through the
     sum of squares within the conditions only:
     r = Σ n (x - x̄)(average - ȳ) / √(Σ n (x - x̄)² · (SS_between + SS_within)).
+
+    r is the cosine of the angle between the two centred vectors. Moving one by an error of norm e turns it
+    by at most arcsin(e / its norm), and a cosine changes no faster than its angle: this is ``rounding``.
     """
     x = covariate(name, table)
     if x is None:
@@ -69,12 +67,17 @@ def correlation_of_impacts(name: str, table: pd.DataFrame) -> Recomputed:
     return Recomputed(r, rounding=_angle(rounding_norm(table), float(np.sqrt(total))))
 
 
-def correlations_of_impacts(published: PublishedTables, table: pd.DataFrame) -> dict[str, float]:
-    """Those of `correlation_of_impacts` with the variables of Table 5.12 that can be recomputed, by name."""
-    rows = published.correlations
+def correlations_of_impacts(published: PublishedTables, table: pd.DataFrame) -> pd.DataFrame:
+    """``r`` of all impacts with each variable of Table 5.12 that can be recomputed, and its p-value ``p``.
+
+    By variable, the greatest |r| first; see `correlation_of_impacts`.
+    """
+    rows, n = published.correlations, float(table["impacts"].sum())
     names = rows.loc[rows["table"] == "5.12", "variable"]
     recomputed = {name: correlation_of_impacts(name, table).value for name in names}
-    return {name: value for name, value in recomputed.items() if value is not None}
+    r = pd.Series(recomputed, dtype="float64").dropna()
+    falling = r.abs().sort_values(ascending=False).index
+    return pd.DataFrame({"r": r, "p": [p_value(value, n) for value in r]}).loc[falling]
 
 
 def p_value(r: float, n: float) -> float:
@@ -201,11 +204,11 @@ def select_forward(response: pd.Series, known: dict[tuple[str, ...], np.ndarray]
     """
     entered: list[tuple[str, ...]] = []
     while len(entered) < min(len(known), len(response) - 3):
-        p = {
-            name: _p_of_last(response, [known[old] for old in (*entered, name)])
-            for name in known
-            if name not in entered
-        }
+        p = {}
+        for name in (variable for variable in known if variable not in entered):
+            columns = np.column_stack([known[variable] for variable in (*entered, name)])
+            fit = OLS(response.to_numpy(), add_constant(columns, has_constant="add")).fit()
+            p[name] = float(fit.pvalues[-1])
         best = min(p, key=p.__getitem__)
         if not p[best] < ALPHA:
             break
@@ -218,11 +221,10 @@ def regression_lines(published: PublishedTables) -> Iterator[PublishedNumber]:
     for quantity in QUANTITIES:
         printed = published.regressions.query("quantity == @quantity")
         recomputed = _equation(conditions(published, quantity), printed)
-        terms = zip(printed["term"], printed["coefficient_text"], strict=True)
-        for row, (term, text) in enumerate(terms, start=1):
-            yield line(f"equation of {quantity}", row, f"coefficient of {term}", text, recomputed[term])
-        text = printed["r_squared_text"].iloc[0]
-        yield line(f"equation of {quantity}", len(printed) + 1, "R²", text, recomputed["R²"])
+        names = [*(f"coefficient of {term}" for term in printed["term"]), "R²"]
+        texts = [*printed["coefficient_text"], printed["r_squared_text"].iloc[0]]
+        for row, (name, text) in enumerate(zip(names, texts, strict=True), start=1):
+            yield line(f"equation of {quantity}", row, name, text, recomputed[name])
 
 
 def stepwise_lines(published: PublishedTables) -> Iterator[PublishedNumber]:
@@ -233,7 +235,15 @@ def stepwise_lines(published: PublishedTables) -> Iterator[PublishedNumber]:
         known = candidates(rows["variable"], table)
         entered = select_forward(table["average"], known)
         for _, row in rows.iterrows():
-            yield _stepwise_line(row, known, entered)
+            key, status, agreed, note = factors(row["variable"]), "", None, NEVER_TABULATED
+            if key in known:
+                status = "entered" if key in entered else "not entered"
+                agreed = status == row["status"]
+                note = (
+                    "" if agreed else f"forward selection at {ALPHA} on the averages, without skin and muscle"
+                )
+            name = f"{row['variable']} in the stepwise regression of {quantity}"
+            yield PublishedNumber(row["table"], row["row"], name, row["status"], status, agreed, note)
 
 
 def printed_line(published: PublishedTables, quantity: Quantity) -> tuple[float, float]:
@@ -255,25 +265,9 @@ def _equation(table: pd.DataFrame, printed: pd.DataFrame) -> dict[str, Recompute
         return f"{unrounded[term]:.5g} with masses not cut to three decimals"
 
     of_constant = error * float(np.sqrt(1 / len(mass) + (mass.mean() / spread) ** 2))
-    coefficients = {
-        "constant": Recomputed(fit.params["const"], of_constant, without, hint("const")),
-        "Mass": Recomputed(fit.params["Mass"], error / spread, without, hint("Mass")),
+    return {
+        "coefficient of constant": Recomputed(fit.params["const"], of_constant, without, hint("const")),
+        "coefficient of Mass": Recomputed(fit.params["Mass"], error / spread, without, hint("Mass")),
+        **{f"coefficient of {term}": Recomputed(None, note=NEVER_TABULATED) for term in extra},
         "R²": Recomputed(fit.rsquared, 2 * angle, without),
     }
-    return coefficients | {term: Recomputed(None, note=NEVER_TABULATED) for term in extra}
-
-
-def _stepwise_line(row: pd.Series, known: dict[tuple[str, ...], Any], entered: list[Any]) -> PublishedNumber:
-    name = f"{row['variable']} in the stepwise regression of {row['quantity']}"
-    key = factors(row["variable"])
-    if key not in known:
-        return PublishedNumber(row["table"], row["row"], name, row["status"], "", None, NEVER_TABULATED)
-    status = "entered" if key in entered else "not entered"
-    agreed = status == row["status"]
-    note = "" if agreed else f"forward selection at {ALPHA} on the averages, without skin and muscle"
-    return PublishedNumber(row["table"], row["row"], name, row["status"], status, agreed, note)
-
-
-def _p_of_last(response: pd.Series, columns: list[np.ndarray]) -> float:
-    fit = OLS(response.to_numpy(), add_constant(np.column_stack(columns), has_constant="add")).fit()
-    return float(fit.pvalues[-1])

@@ -1,24 +1,61 @@
-"""Printed figures against each other, and against the rows and averages that they are made of."""
+"""Printed figures against each other and what they are made of, and what the text concludes from them."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bayestissue.thesis.audit.inconsistencies import (
-    Numbers,
-    Publication,
-    named_rows,
-    number_list,
+from bayestissue.recordings.dataset.published import PublishedTables
+from bayestissue.thesis.audit.plausibility import Numbers, number_list
+from bayestissue.thesis.reproduction.agreement import agrees, decimals, half_unit, ratio
+from bayestissue.thesis.reproduction.claims import DERIVED
+from bayestissue.thesis.reproduction.conditions import (
+    QUANTITIES,
+    Quantity,
+    conditions,
+    factors,
+    sum_of_squares,
+    unrounded_mass,
 )
-from bayestissue.thesis.reproduction.agreement import agrees, decimals, difference, half_unit, ratio
-from bayestissue.thesis.reproduction.conditions import QUANTITIES, conditions, unrounded_mass
-from bayestissue.thesis.reproduction.relations import straight_line
+from bayestissue.thesis.reproduction.relations import (
+    ALPHA,
+    correlation_of_impacts,
+    correlations_of_impacts,
+    straight_line,
+)
 
 # Of a figure: a difference that is a note.
 _SMALL = 0.01
+_ALL_IMPACTS = "5.12"
+_ONLY = re.compile(r"\bonly\b.*\bstatistically significant")
+
+
+@dataclass(frozen=True)
+class Publication:
+    """The published tables, claims of the text among them, and what follows from them.
+
+    Attributes:
+        tables: what was published.
+        reproduction: every printed number beside the recomputed one, as of `reproduce_published`.
+    """
+
+    tables: PublishedTables
+    reproduction: pd.DataFrame
+
+    def equation(self, quantity: Quantity) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """The printed terms of the equation of K or C, and the conditions that it was fitted to."""
+        terms = self.tables.regressions.query("quantity == @quantity")
+        return terms, conditions(self.tables, quantity)
+
+
+def named_rows(frame: pd.DataFrame) -> Iterator[Any]:
+    """The rows of ``frame`` as named tuples, whose fields no type checker knows."""
+    return iter(frame.itertuples())
 
 
 def claims_that_contradict(publication: Publication) -> Iterator[Numbers]:
@@ -64,7 +101,7 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Numbers]:
     values = dict(claims.groupby(["quantity", "statistic"])["value"].nunique())
     for (_, quantity), of_section in claims.groupby(["section", "quantity"], sort=False):
         said = {str(name): rows for name, rows in of_section.groupby("statistic")}
-        for name, (low_name, high_name, rule) in _DERIVED.items():
+        for name, (low_name, high_name, rule) in DERIVED.items():
             if not {name, low_name, high_name} <= set(said):
                 continue
             low, high = said[low_name].iloc[0], said[high_name].iloc[0]
@@ -78,15 +115,6 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Numbers]:
             needed = f" That ratio needs a smallest value of {least:.3g}." if rule is ratio else ""
             figures = {"figures": " and ".join(wrong["value_text"]), "implied": implied, "needed": needed}
             yield {"name": name, "low": low, "high": high, **figures}
-
-
-# Of a statistic: the two ends that it follows from, and how.
-_DERIVED = {
-    "range": ("minimum", "maximum", difference),
-    "ratio of maximum to minimum": ("minimum", "maximum", ratio),
-    "range of trial averages": ("minimum of trial averages", "maximum of trial averages", difference),
-    "ratio of trial averages": ("minimum of trial averages", "maximum of trial averages", ratio),
-}
 
 
 def _recomputed(publication: Publication, claims: pd.DataFrame) -> str:
@@ -129,7 +157,7 @@ def figures_that_do_not_follow(publication: Publication) -> Iterator[Numbers]:
         words = {"place": _table_words(row.table), "hint": _hint(row.note)}
         implied = f"{row.value:.{decimals(row.published) + 1}f}"
         words["difference"] = _difference_words(row.printed, row.value)
-        severity = "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else None
+        severity = "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else "minor"
         yield {"row": row, "implied": implied, "severity": severity, **words}
 
 
@@ -185,3 +213,123 @@ def _hint(note: str) -> str:
     if hint.startswith("repeats"):
         return f" (it {hint})"
     return f" ({hint})" if "not cut" in hint else ""
+
+
+def r_squared_of_averages(publication: Publication) -> Iterator[Numbers]:
+    """R² of a fit to averages, given as if it held for single impacts.
+
+    Minor: it makes an equation for averages of ten look like one for an impact.
+    """
+    for quantity in QUANTITIES:
+        terms, table = publication.equation(quantity)
+        r, printed = correlation_of_impacts("Mass", table).value, terms.iloc[0]
+        if r is not None and abs(printed["r_squared"] - r**2) >= 0.05:
+            of_averages = np.corrcoef(table["mass_kg"], table["average"])[0, 1] ** 2
+            squares = {"of_impacts": r**2, "of_averages": of_averages}
+            counts = {"trials": len(table), "people": table["impacts"].iloc[0]}
+            yield {"printed": printed, "r": r, **squares, **counts}
+
+
+def not_significant_after_all(publication: Publication) -> Iterator[Numbers]:
+    """A correlation listed among the significant ones with a p-value that is not.
+
+    Minor: the text draws a conclusion from it that the table beside it denies.
+    """
+    table = publication.tables.correlations.dropna(subset=["p_value"])
+    for claim in named_rows(publication.tables.claims):
+        name = claim.statistic.removeprefix("correlation with ")
+        row = table[(table["quantity"] == claim.quantity) & (table["variable"] == name)]
+        if "statistically significant" not in claim.sentence or row.empty or row.iloc[0]["p_value"] < ALPHA:
+            continue
+        significant = table[(table["quantity"] == claim.quantity) & (table["p_value"] < ALPHA)]
+        weakest = significant.loc[significant["correlation"].abs().idxmin()]
+        yield {"claim": claim, "name": name, "printed": row.iloc[0], "weakest": weakest}
+
+
+def not_the_only_one(publication: Publication) -> Iterator[Numbers]:
+    """A variable called the only significant one, while others are.
+
+    Minor: the table that would show it is lost, but its content follows from the other tables.
+    """
+    for claim in named_rows(publication.tables.claims):
+        said = claim.statistic.removeprefix("correlation with ")
+        if said == claim.statistic or not _ONLY.search(claim.sentence):
+            continue
+        table = conditions(publication.tables, claim.quantity)
+        recomputed = correlations_of_impacts(publication.tables, table)
+        others = recomputed[(recomputed["p"] < ALPHA) & (recomputed.index != said)]
+        if not others.empty:
+            counts = {"significant": len(others) + 1, "others": len(others), "variables": len(recomputed)}
+            words = ", ".join(f"{name} {r:.3f}" for name, r in others["r"].head(4).items())
+            yield {
+                "claim": claim,
+                "said": said,
+                "impacts": table["impacts"].sum(),
+                "words": words,
+                "p": others["p"].max(),
+                **counts,
+            }
+
+
+def correlation_with_a_sum(publication: Publication) -> Iterator[Numbers]:
+    """Cor(y, a + b) can't be nearer to zero than both cor(y, a) and cor(y, b), if these have one sign.
+
+    The standard deviation of a sum is at most the sum of the standard deviations, so the correlation with
+    a + b is at least a weighted mean of the two.
+
+    Minor: no data whatever have these three correlations.
+    """
+    for _, rows in publication.tables.correlations.groupby(["table", "quantity"], sort=False):
+        values = rows.set_index(rows["variable"].map(lambda name: name.lower().strip()))
+        for name, row in values.iterrows():
+            parts = [part.strip() for part in str(name).split("+")]
+            if len(parts) != 2 or not set(parts) <= set(values.index):
+                continue
+            first, second = (values.loc[part] for part in parts)
+            least = min(abs(first["correlation"]), abs(second["correlation"]))
+            one_sign = first["correlation"] * second["correlation"] > 0
+            if one_sign and abs(row["correlation"]) < least - 0.002:
+                yield {"row": row, "first": first, "second": second, "least": least}
+
+
+def personal_factors_of_averages(publication: Publication) -> Iterator[Numbers]:
+    """Correlations of averages over the same people with a property of those people.
+
+    Minor: personal factors are judged by figures that the stated averages can't give.
+    """
+    correlations = publication.tables.correlations
+    averaged = correlations[correlations["table"] != _ALL_IMPACTS]
+    of_design = averaged["variable"].map(lambda name: set(factors(name)) <= {"energy", "velocity", "mass"})
+    personal = averaged[~of_design]
+    people = publication.tables.estimates.groupby("trial")["subject"].agg(frozenset)
+    if personal.empty or len(people.unique()) > 1:
+        return
+    yield {
+        "tables": " and ".join(personal["table"].unique()),
+        "values": ", ".join(f"{row.variable} {row.correlation_text}" for row in named_rows(personal)),
+        "people": len(people.iloc[0]),
+        "count": len(personal),
+        "greatest": personal["correlation"].abs().max(),
+    }
+
+
+def sign_of_a_personal_factor(publication: Publication) -> Iterator[Numbers]:
+    """A coefficient against the correlation, for a variable that the design makes independent of mass.
+
+    Where everybody takes part in every trial, a property of the person is uncorrelated with mass, and its
+    coefficient is r s_y / s_x whether mass is in the equation or not.
+
+    Minor: the sign of an effect is what the text explains.
+    """
+    tables = publication.tables
+    for row in named_rows(tables.regressions):
+        if row.term != "SFT":
+            continue
+        listed = tables.correlations.query("quantity == @row.quantity and table == @_ALL_IMPACTS")
+        listed = listed[listed["variable"].str.strip() == "Skin Fold"]
+        if listed.empty or listed.iloc[0]["correlation"] * row.coefficient >= 0:
+            continue
+        r, table = listed.iloc[0], conditions(tables, row.quantity)
+        squares = sum_of_squares(table)
+        total = float(np.sqrt(squares / (table["impacts"].sum() - 1)))
+        yield {"row": row, "r": r, "needed": abs(r["correlation"]) * total / abs(row.coefficient)}
