@@ -7,9 +7,8 @@ from bayestissue.reports.pages import posterior
 from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.run_folder import read_about
 from bayestissue.reports.pages.wording import Spread
-from bayestissue.thesis.pages import published_page as page
-from bayestissue.thesis.pages.published_figures import kept_share
-from bayestissue.thesis.pages.published_run import PublishedRun
+from bayestissue.thesis import published_page as page
+from bayestissue.thesis.published_run import PublishedRun, kept_share
 from make_fit_run import changed
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from bayestissue.reports.pages import posterior
 from bayestissue.reports.pages.run_folder import read_about
-from bayestissue.thesis.pages.published_run import PublishedRun
+from bayestissue.thesis.published_run import PublishedRun
 
 
 @pytest.fixture(scope="module")

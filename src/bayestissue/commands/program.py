@@ -165,7 +165,7 @@ def reproduce(model: Model = None, seed: Seed = 0, *, call: Call) -> Made:
     from bayestissue.model.hierarchy.specification import read_specification
     from bayestissue.recordings.dataset.published import read_published
     from bayestissue.thesis.audit import audit_published
-    from bayestissue.thesis.pages.published_page import published_page
+    from bayestissue.thesis.published_page import published_page
     from bayestissue.thesis.reanalysis.analysis import analyse, competing_designs
     from bayestissue.thesis.reanalysis.observations import published_design, published_observations
     from bayestissue.thesis.reproduction import reproduce_published

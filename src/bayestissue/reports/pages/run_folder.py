@@ -254,7 +254,7 @@ def write_report(run_dir: Path) -> Path:
 
 # Of each kind of run: the module with its page, and the function that makes it.
 _PAGES = {
-    "published": ("thesis.pages.published_page", "published_page"),
+    "published": ("thesis.published_page", "published_page"),
     "estimates": ("studies.estimates", "estimates_page"),
     "fit": ("reports.pages.fit.fit_page", "fit_page"),
     "comparison": ("reports.pages.comparison", "comparison_page"),

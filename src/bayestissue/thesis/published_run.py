@@ -1,6 +1,9 @@
-"""Figures of the page: the posterior beside what was published, and the thesis's own figures drawn anew."""
+"""A finished `reproduce` run, read whole, and its figures; the thesis's own figures drawn anew among them."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -13,12 +16,37 @@ from bayestissue.reports.figures.impacts import MASS, axis_title, over_mass
 from bayestissue.reports.figures.intervals import intervals, quantiles
 from bayestissue.reports.figures.theme import Figure, number
 from bayestissue.reports.pages.posterior import mass_curve
-from bayestissue.thesis.pages.published_run import PublishedRun
+from bayestissue.reports.pages.run_folder import POSTERIOR_TABLES, PosteriorRun, of_table
 from bayestissue.thesis.reproduction.conditions import Quantity, conditions
 from bayestissue.thesis.reproduction.relations import correlation_figure, printed_line, straight_line
 
 said = sentences(__package__)
 _THESIS = "line of the thesis"
+_GROUPS = ("posterior", "observed_data", "posterior_predictive", "constant_data")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PublishedRun(PosteriorRun):
+    """A finished `reproduce` run."""
+
+    opened = _GROUPS
+    needed: ClassVar = dict.fromkeys(_GROUPS, ())
+    table_files = (*POSTERIOR_TABLES, "reproduction", "audit", "comparison", "predictive_checks")
+    again = "Make the run anew with `bayestissue reproduce`."
+
+    reproduction = of_table("reproduction", "Every published number beside the recomputed one.")
+    audit = of_table("audit", "What the audit found, the worst first.")
+    comparison = of_table("comparison", "How well each explanation predicts.")
+    predictive_checks = of_table("predictive_checks", "Statistics of the data beside those predicted.")
+
+    def observed(self, name: str) -> np.ndarray:
+        """What was published, such as ``K_observed`` [impact]."""
+        return self.groups["observed_data"][name].to_numpy()
+
+    @property
+    def reference_mass(self) -> float:
+        """The mass in kg at which people and conditions are reported."""
+        return float(self.constant("reference_mass_kg"))
 
 
 def inside_share(run: PublishedRun, quantity: str) -> tuple[int, int]:
