@@ -63,28 +63,24 @@ def _statistics(
     """Statistics of (log K, log C), by their name and what they are of."""
     member = trial[:, None] == np.unique(trial)
     heavy, mass = mass_kg > np.median(mass_kg), mass_kg - mass_kg.mean()
-    statistics: dict[tuple[str, str], np.ndarray] = {}
-    within = []
-    for column, quantity in enumerate(RESPONSES):
-        log = logs[..., column]
-        deviation = log - (log @ member / member.sum(0)) @ member.T
-        squares, values = deviation**2, np.exp(log)
-        centred = values - values.mean(-1, keepdims=True)
-        light_to_heavy = squares[..., ~heavy].mean(-1) / squares[..., heavy].mean(-1)
-        size = np.sqrt((centred**2).sum(-1) * (mass @ mass))
-        statistics |= {
-            ("smallest value", quantity): values.min(-1),
-            ("largest value", quantity): values.max(-1),
-            ("standard deviation of the log within trials", quantity): deviation.std(-1),
-            ("skewness of the log within trials", quantity): (deviation**3).mean(-1)
-            / squares.mean(-1) ** 1.5,
-            ("scatter at light masses over scatter at heavy ones", quantity): np.sqrt(light_to_heavy),
-            ("correlation with mass", quantity): (centred @ mass) / size,
-        }
-        within.append(deviation)
-    K, C = within
-    correlation = (K * C).mean(-1) / np.sqrt((K**2).mean(-1) * (C**2).mean(-1))
-    return statistics | {("correlation of K and C within trials", "K, C"): correlation}
+    logs = logs.swapaxes(-1, -2)
+    deviation, values = logs - (logs @ member / member.sum(0)) @ member.T, np.exp(logs)
+    squares, centred = deviation**2, values - values.mean(-1, keepdims=True)
+    light_to_heavy = squares[..., ~heavy].mean(-1) / squares[..., heavy].mean(-1)
+    size = np.sqrt((centred**2).sum(-1) * (mass @ mass))
+    statistics = {
+        "smallest value": values.min(-1),
+        "largest value": values.max(-1),
+        "standard deviation of the log within trials": deviation.std(-1),
+        "skewness of the log within trials": (deviation**3).mean(-1) / squares.mean(-1) ** 1.5,
+        "scatter at light masses over scatter at heavy ones": np.sqrt(light_to_heavy),
+        "correlation with mass": (centred @ mass) / size,
+    }
+    correlation = deviation.prod(-2).mean(-1) / np.sqrt(squares.mean(-1).prod(-1))
+    return {
+        **{(name, q): values[..., i] for i, q in enumerate(RESPONSES) for name, values in statistics.items()},
+        ("correlation of K and C within trials", "K, C"): correlation,
+    }
 
 
 @dataclass(frozen=True)
@@ -199,15 +195,19 @@ class _Results:
         quantities = self._quantities(population, rng)
         in_formulas = {name: values for name, values in population.items() if name in quantities}
         priors = compiled_quickly(self.model.priors.log_densities)(in_formulas)
-        tables = len(self.observations.averages)
-        densities = {"estimates": sampled.rows[..., tables:], "averages": sampled.rows[..., :tables]}
+        published = self.observations
+        lost = len(published.averages)
+        densities = {"estimates": sampled.rows[..., lost:], "averages": sampled.rows[..., :lost]}
+        tables = average_and_sd(published.averages[:, :2], published.averages[:, 2:])
         return {
             "posterior": self._labelled(quantities),
             "sample_stats": self._labelled({"lp": sampled.rows.sum(-1)}),
             "log_likelihood": self._labelled(densities),
             "log_prior": self._labelled({name: np.asarray(values) for name, values in priors.items()}),
             "posterior_predictive": self._labelled(self._replicates(population, rng)),
-            "observed_data": self._labelled(self._observed(), sampled=False),
+            "observed_data": self._labelled(
+                _published(np.exp(published.log_estimates), *tables), sampled=False
+            ),
             "constant_data": self._labelled(self._constants(), sampled=False),
         }
 
@@ -259,20 +259,7 @@ class _Results:
 
         estimates = replicated(self.observations.impact_cell)
         tables = replicated(self.observations.averaged_cells)
-        replicates = {f"{q}_observed": estimates[..., i] for i, q in enumerate(RESPONSES)}
-        for i, q in enumerate(RESPONSES):
-            people = tables[..., i]
-            replicates |= {f"{q}_average": people.mean(-1), f"{q}_sd": people.std(-1, ddof=1)}
-        return replicates
-
-    def _observed(self) -> dict[str, np.ndarray]:
-        """The published quantities themselves."""
-        published = self.observations
-        observed = {f"{q}_observed": np.exp(published.log_estimates[:, i]) for i, q in enumerate(RESPONSES)}
-        for i, q in enumerate(RESPONSES):
-            average, sd = average_and_sd(published.averages[:, i], published.averages[:, i + 2])
-            observed |= {f"{q}_average": average, f"{q}_sd": sd}
-        return observed
+        return _published(estimates, tables.mean(-2), tables.std(-2, ddof=1))
 
     def _constants(self) -> dict[str, np.ndarray]:
         conditions = self.observations.cells.drop_duplicates("trial")
@@ -281,3 +268,13 @@ class _Results:
             "impact_subject": self.design.subject[self.observations.impact_cell],
             "impact_trial": self.design.trial[self.observations.impact_cell],
         }
+
+
+def _published(
+    estimates: Float[np.ndarray, "*draw impact 2"],
+    average: Float[np.ndarray, "*draw trial 2"],
+    sd: Float[np.ndarray, "*draw trial 2"],
+) -> dict[str, np.ndarray]:
+    """What was published of K and of C, or the model makes of it, by name."""
+    values = {"observed": estimates, "average": average, "sd": sd}
+    return {f"{q}_{name}": both[..., i] for name, both in values.items() for i, q in enumerate(RESPONSES)}

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 import xarray as xr
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from scipy.special import logsumexp
 
 from bayestissue.base.result import silent
@@ -19,7 +19,7 @@ from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.thesis.reanalysis.table_chain import (
     EstimatesPosterior,
     evidence_ratios,
-    leave_one_out_densities,
+    leave_one_out_at,
     sample_posterior,
 )
 from bayestissue.thesis.reanalysis.table_model import EstimatesData, EstimatesModel, without
@@ -53,12 +53,17 @@ def compare_explanations(
         return pd.DataFrame(columns=model_comparison.COLUMNS)
     settings = Sampler.model_validate(sampler.model_dump() | SAMPLER)
     held_out = [trial == label for label in dict.fromkeys(trial)]
-    trees, scores, fitted = {}, {}, {}
+    over, trees, scores, fitted = ("chain", "draw"), {}, {}, {}
     for number, (name, data) in enumerate(explanations.items()):
         progress(number, len(explanations))
         posterior = sample_posterior(model, data, settings, seed)
-        left_out = leave_one_out_densities(model, posterior)[..., len(data.roots) :]
-        trees[name] = _scored(posterior, left_out)
+        left_out = leave_one_out_at(model, posterior.data, posterior.y)[..., len(data.roots) :]
+        trees[name] = xr.DataTree.from_dict(
+            {
+                "posterior": xr.Dataset({q: (over, draws) for q, draws in posterior.hyperparameters.items()}),
+                "log_likelihood": xr.Dataset({"estimates": ((*over, "impact"), left_out)}),
+            }
+        )
         densities = posterior.rows[..., len(data.roots) :]
         fitted[name] = (logsumexp(densities, axis=(0, 1)) - np.log(densities[..., 0].size)).sum()
         score = partial(log_predictive_density, model, posterior, settings=settings, seed=seed)
@@ -91,12 +96,3 @@ def log_predictive_density(
     refitted = sample_posterior(model, others, settings, seed, near=posterior)
     back = evidence_ratios(model, refitted, posterior.data, seed)
     return float(logsumexp(back) - np.log(len(back)))
-
-
-def _scored(sampled: EstimatesPosterior, left_out: Float[np.ndarray, "chain draw impact"]) -> xr.DataTree:
-    """The log density of each estimate given all others, for cross-validation."""
-    over = ("chain", "draw")
-    posterior = {name: (over, values) for name, values in sampled.hyperparameters.items()}
-    densities = {"estimates": ((*over, "impact"), left_out)}
-    groups = {"posterior": xr.Dataset(posterior), "log_likelihood": xr.Dataset(densities)}
-    return xr.DataTree.from_dict(groups)

@@ -141,24 +141,20 @@ def published_observations(published: PublishedTables) -> PublishedObservations:
     """Arrange the published tables for the model; no row is invented for a lost table."""
     estimates, averages = published.estimates, published.averages
     conditions = averages.drop_duplicates("trial").sort_values("trial")
-    subjects = np.sort(estimates["subject"].unique())
-    columns = ["trial", "energy_J", "velocity_m_s", "mass_kg"]
+    trials, subjects = conditions["trial"].to_numpy(), np.sort(estimates["subject"].unique())
     everyone = pd.DataFrame({"subject": [f"s{subject:02d}" for subject in subjects]})
+    columns = ["trial", "energy_J", "velocity_m_s", "mass_kg"]
     cells = conditions[columns].astype({"trial": str}).merge(everyone, how="cross")
-    number = pd.Series(cells.index, index=pd.MultiIndex.from_frame(cells[["trial", "subject"]]))
-    trials, people = estimates["trial"].astype(str), (f"s{subject:02d}" for subject in estimates["subject"])
-    lost = [trial for trial in conditions["trial"].astype(str) if trial not in set(trials)]
-    averaged = np.array([np.flatnonzero(cells["trial"] == trial) for trial in lost], dtype=int)
-    by_trial = averages.assign(trial=averages["trial"].astype(str)).set_index(["quantity", "trial"])
-    summaries = by_trial.reindex([(q, trial) for q in RESPONSES for trial in lost])
-    average, sd = (summaries[name].to_numpy(float).reshape(2, -1) for name in ("average", "sd"))
-    means, roots = average_statistics(average, sd)
+    number = np.arange(len(cells)).reshape(len(trials), len(subjects))
+    lost = ~np.isin(trials, estimates["trial"])
+    summaries = averages.pivot_table(["average", "sd"], "trial", "quantity").loc[trials[lost]]
+    average, sd = (summaries[name][list(RESPONSES)].to_numpy(float) for name in ("average", "sd"))
     return PublishedObservations(
         cells,
-        number.loc[list(zip(trials, people, strict=True))].to_numpy(),
-        np.log(estimates[["K", "C"]].to_numpy(float)),
-        averaged.reshape(len(lost), len(subjects)),
-        np.concatenate([means, roots]).T,
+        number[np.searchsorted(trials, estimates["trial"]), np.searchsorted(subjects, estimates["subject"])],
+        np.log(estimates[list(RESPONSES)].to_numpy(float)),
+        number[lost],
+        np.concatenate(average_statistics(average, sd), axis=1),
     )
 
 

@@ -26,7 +26,7 @@ from bayestissue.inference.chain.run import Chains, Segment, sampled, warm_up
 from bayestissue.inference.chain.warm_up import nearest_t, walk_start
 from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.inference.execution.kept import evenly_spaced
-from bayestissue.inference.samplers.sampling import flat, in_chains
+from bayestissue.inference.samplers.sampling import flat
 from bayestissue.model.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.thesis.reanalysis.table_model import (
@@ -130,7 +130,7 @@ def sample_posterior(
         y,
         constrained(model, y),
         b,
-        in_chains(densities_at(model, data, *flat((y, b))).rows, y.shape[:2]),
+        densities_at(model, data, y, b).rows,
         data,
         drawn.rates,
         drawn.verdict,
@@ -176,26 +176,18 @@ def _quantities(path: TableState) -> tuple[np.ndarray, np.ndarray]:
     return np.moveaxis(population, -1, 0), np.zeros((0, *path.y.shape[:2]))
 
 
-# At every draw, as numpy arrays.
-densities_at = by_row(POINTS, constant=2)(densities)
-_left_out = by_row(POINTS, constant=2)(leave_one_out)
+# At every draw [chain, draw], as numpy arrays.
+at_draws = by_row(POINTS, constant=2, axes=2)
+densities_at, leave_one_out_at = at_draws(densities), at_draws(leave_one_out)
 
 
-@by_row(POINTS, constant=2)
+@at_draws
 def effects_by_sites(
     model: EstimatesModel, data: EstimatesData, y: Coordinates, standard: Effects
 ) -> tuple[Effects, Float[Array, ""]]:
     """B from its conditional by the sites, and the log density with b integrated out, of every draw."""
     conditional, log_density = integrated(model, data, y)
     return effects_from_standard(data.design, conditional, data.location_mean, standard), log_density
-
-
-def leave_one_out_densities(
-    model: EstimatesModel, posterior: EstimatesPosterior
-) -> Float[np.ndarray, "chain draw row"]:
-    """Log density of every row given all others, for each draw; see `leave_one_out`."""
-    y = posterior.y
-    return in_chains(_left_out(model, posterior.data, flat(y)), y.shape[:2])
 
 
 def evidence_ratios(
@@ -205,9 +197,10 @@ def evidence_ratios(
 
     The lost tables' factors over their sites are averaged over the effects that ``data`` say, one draw each.
     """
-    y, b = flat((posterior.y, posterior.b))
+    y, b = posterior.y, posterior.b
     standard = np.random.default_rng([seed, 25]).standard_normal(b.shape)
     log_evidence = effects_by_sites(model, posterior.data, y, standard)[1]
     log_evidence = log_evidence + densities_at(model, posterior.data, y, b).log_ratio
     effects, log_evidence_of_data = effects_by_sites(model, data, y, standard)
-    return np.asarray(log_evidence_of_data + densities_at(model, data, y, effects).log_ratio - log_evidence)
+    log_evidence_of_data = log_evidence_of_data + densities_at(model, data, y, effects).log_ratio
+    return np.asarray(log_evidence_of_data - log_evidence).ravel()
