@@ -52,15 +52,14 @@ def checks_table(run: PublishedRun) -> Table:
 
 def estimates_table(run: PublishedRun) -> Table:
     """Each published impact beside the posterior of that person in that condition."""
-    cells = [run.labels("impact")]
-    titles = ["impact"]
-    for quantity in QUANTITIES:
-        spreads = [spread(draws) for draws in run.draws(quantity).T]
-        cells.append([significant(value, 5) for value in run.observed(f"{quantity}_observed")])
-        cells.append([one.value for one in spreads])
-        cells.append([one.range for one in spreads])
-        titles += [f"published {quantity} ({UNITS[quantity]})", f"posterior {quantity}", f"{quantity}, 90 %"]
-    return table_of_cells(zip(*cells, strict=True), *titles, number=titles[1:])
+    columns = {"impact": run.labels("impact")}
+    for q in QUANTITIES:
+        spreads = [spread(draws) for draws in run.draws(q).T]
+        observed = run.observed(f"{q}_observed")
+        columns[f"published {q} ({UNITS[q]})"] = [significant(value, 5) for value in observed]
+        columns[f"posterior {q}"] = [one.value for one in spreads]
+        columns[f"{q}, 90 %"] = [one.range for one in spreads]
+    return table_of_cells(zip(*columns.values(), strict=True), *columns, number=list(columns)[1:])
 
 
 def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float]]) -> Table:

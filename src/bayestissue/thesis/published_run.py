@@ -76,18 +76,16 @@ def predictive_figure(run: PublishedRun, quantity: str) -> Figure:
     impact on one of its people.
     """
     predicted = run.draws(f"{quantity}_observed", "posterior_predictive")
-    of_trial, subject = run.constant("impact_trial"), run.constant("impact_subject")
-    present = np.unique(of_trial)
-    # One bar per condition: at most a few dozen, each from all of its draws.
-    pooled = [predicted[:, of_trial == trial] for trial in present]
-    median = np.array([np.median(draws) for draws in pooled])
-    names = np.array(run.labels("trial"))[present]
-    bars = [
-        quantiles(100 * (draws.reshape(-1, 1) / middle - 1), [name])
-        for draws, middle, name in zip(pooled, median, names, strict=True)
-    ]
-    off = 100 * (run.observed(f"{quantity}_observed") / median[np.searchsorted(present, of_trial)] - 1)
-    rows = _impacts(run)
+    rows, observed = _impacts(run), run.observed(f"{quantity}_observed")
+    subject, of_trial = run.constant("impact_subject"), run.constant("impact_trial")
+    bars, off = [], np.empty(len(rows))
+    for trial in np.unique(of_trial):
+        member = of_trial == trial
+        draws = predicted[:, member]
+        middle = np.median(draws)
+        # One bar per condition: at most a few dozen, each from all of its draws.
+        bars.append(quantiles(100 * (draws.reshape(-1, 1) / middle - 1), [run.labels("trial")[trial]]))
+        off[member] = 100 * (observed[member] / middle - 1)
     return intervals(
         pd.concat(bars, ignore_index=True),
         f"{quantity} off the predicted median (%)",
@@ -134,8 +132,7 @@ def deviations(run: PublishedRun, quantity: str) -> tuple[np.ndarray, np.ndarray
 def kept_share(run: PublishedRun, quantity: str) -> float:
     """The slope of posterior on published deviations: 1 is no shrinkage, 0 is all of it."""
     published, points = deviations(run, quantity)
-    centred = published - published.mean()
-    return float(centred @ points[1] / (centred @ centred))
+    return float(np.polyfit(published, points[1], 1)[0])
 
 
 def shrinkage_figure(run: PublishedRun, quantity: str) -> Figure:

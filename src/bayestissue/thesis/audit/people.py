@@ -114,14 +114,17 @@ def unequal_scatter(impacts: AuditedImpacts) -> Iterator[Numbers]:
 def rows_that_stand_twice(impacts: AuditedImpacts) -> Iterator[Numbers]:
     """Two people with the same K and the same C in one trial.
 
+    By chance two would print alike only as often as normal values of that trial do.
+
     Minor: one impact less changes the averages of its trial, not the conclusions.
     """
     again = impacts.rows[impacts.rows.duplicated(["trial", "K", "C"], keep=False)]
     for (trial, K, C), rows in again.groupby(["trial", "K", "C"]):
         of_trial = impacts.rows[impacts.rows["trial"] == trial]
-        likely = float(comb(len(of_trial), 2))
-        for quantity in ("K", "C"):
-            likely *= _chance_of_a_pair(of_trial[quantity], impacts.digits)
+        # The difference of two normals has density 1/(2 s √π) at zero, times the width of the last digit.
+        sd = of_trial[["K", "C"]].std(ddof=1)
+        chances = 10.0**-impacts.digits * stats.norm.pdf(0) / (np.sqrt(2) * sd)
+        likely = comb(len(of_trial), 2) * chances.clip(upper=1).prod()
         frequency = (
             f"once in {float(f'{1 / likely:.1e}'):,.0f} such trials" if likely > 1e-6 else "practically never"
         )
@@ -139,11 +142,3 @@ def estimates_in_two_trials(impacts: AuditedImpacts) -> Iterator[Numbers]:
     across = again.groupby(["K", "C"]).filter(lambda rows: len(rows["trial"].unique()) > 1)
     if not across.empty:
         yield {"rows": len(across), "trials": ", ".join(str(trial) for trial in across["trial"].unique())}
-
-
-def _chance_of_a_pair(values: pd.Series, digits: int) -> float:
-    """Chance that two values of one trial print alike, with so many ``digits``, if they were normal.
-
-    The difference of two has density 1/(2 s √π) at zero, times the width of the last digit.
-    """
-    return float(min(1, 10.0**-digits * stats.norm.pdf(0) / (np.sqrt(2) * values.std(ddof=1))))
