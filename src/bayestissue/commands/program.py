@@ -183,9 +183,9 @@ def reproduce(model: Model = None, seed: Seed = 0, *, call: Call) -> Made:
     say("recomputing what was published", 0, 1)
     reproduction = reproduce_published(tables)
     say("auditing the publication", 0, 1)
-    results_by_name = {"reproduction": reproduction, "audit": audit_published(tables, reproduction)}
+    audit = audit_published(tables, reproduction)
     analysis = analyse(observations, design, competing, specification, seed, say)
-    results_by_name |= analysis.tables
+    results_by_name = {"reproduction": reproduction, "audit": audit, **analysis.tables}
     words, passed = verdict_in_words(analysis.diagnostics), analysis.diagnostics["passed"]
     about = start.record(
         "reproduce",
