@@ -23,8 +23,6 @@ from bayestissue.base.results.files import write_json, write_tree
 from bayestissue.commands.delivery import Call, Json, Model, Seed, delivers
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from bayestissue.commands.console import Shown
 
 
@@ -149,11 +147,6 @@ def selftest(thorough: bool = False, *, call: Call) -> Made:
     return Made(about, {"selftest": findings}, write, passed=passed, files=("selftest.md",))
 
 
-def _in_words(table: pd.DataFrame) -> pd.DataFrame:
-    booleans = table.select_dtypes(["bool", "boolean"]).astype("string")
-    return table.assign(**{str(name): column.str.lower() for name, column in booleans.items()})
-
-
 @delivers(inputs=("model",))
 def reproduce(model: Model = None, seed: Seed = 0, *, call: Call) -> Made:
     """Recompute, audit and re-analyse the thesis's published estimates, and write the report.
@@ -185,7 +178,7 @@ def reproduce(model: Model = None, seed: Seed = 0, *, call: Call) -> Made:
     say("auditing the publication", 0, 1)
     audit = audit_published(tables, reproduction)
     analysis = analyse(observations, design, competing, specification, seed, say)
-    results_by_name = {"reproduction": reproduction, "audit": audit, **analysis.tables}
+    agrees = reproduction["agrees"].astype("string").str.lower()
     words, passed = verdict_in_words(analysis.diagnostics), analysis.diagnostics["passed"]
     about = start.record(
         "reproduce",
@@ -203,7 +196,7 @@ def reproduce(model: Model = None, seed: Seed = 0, *, call: Call) -> Made:
 
     return Made(
         about,
-        {name: _in_words(table) for name, table in results_by_name.items()},
+        {"reproduction": reproduction.assign(agrees=agrees), "audit": audit, **analysis.tables},
         write,
         partial(published_page, record=about),
         passed,
