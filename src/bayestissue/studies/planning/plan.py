@@ -21,19 +21,14 @@ from bayestissue.model.hierarchy.design import build_design
 from bayestissue.model.hierarchy.formulas.formula import terms_of
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, grouping_of
 from bayestissue.model.hierarchy.responses import RESPONSES
+from bayestissue.reports.pages.page import worded, written
 from bayestissue.reports.pages.plan_page import page_of
+from bayestissue.reports.pages.wording import SENTENCES, nouns_of_plan
 from bayestissue.studies.fitting import Questions, formulas_of, named_questions
 from bayestissue.studies.planning.assurance import Assessment, Goal
 from bayestissue.studies.planning.ledger import Case, Ledger, sha256_of
 from bayestissue.studies.planning.plan_file import MOST_PEOPLE, PlanSpecification, plan_of, read_plan
 from bayestissue.studies.planning.plan_settings import PLAN as SETTINGS
-from bayestissue.studies.planning.plan_words import (
-    answer,
-    in_own_words,
-    limit_words,
-    paragraph,
-    what_limits,
-)
 from bayestissue.studies.planning.planned_study import PlannedStudy, factors_named, study_of
 from bayestissue.studies.simulation.simulation_file import Recording
 
@@ -258,18 +253,27 @@ def carry_out(
         "reaches": reaching,
         "held_open": {} if reaching else _held_open(cases[chosen], study.goals),
         "variants": {name: numbers(case) for name, case in variants.items()},
-        "limits": {key: {"words": limit_words(key), **numbers(case)} for key, case in limits.items()},
+        "limits": {
+            key: {
+                "words": SENTENCES["plan_limits"].get(key, f"no differences of {key.replace('_', ' ')}"),
+                **numbers(case),
+            }
+            for key, case in limits.items()
+        },
         **({"words": dict(study.words)} if study.words else {}),
     }
-    # Of all that was assumed and found, and then come the same in words.
+    # Of all that was assumed and found, and then come the same in words, with the study's own nouns.
     content["sha256"] = sha256_of(content)
+    gains, nouns = _gains(content), nouns_of_plan(content)
     content |= {
-        "answer": answer(content),
-        "paragraph": paragraph(content),
+        "answer": nouns(worded("plan", "answer", content, gains)),
+        "paragraph": nouns(worded("plan", "paragraph", content, cases[chosen].model)),
         "warning": "" if normal else Coded.stated("traces-not-normal"),
-        "limiting": what_limits(content),
+        "limiting": [nouns(text) for text in written("plan", "limiting", content, gains)],
+        "limits": {
+            key: {**limit, "words": nouns(limit["words"])} for key, limit in content["limits"].items()
+        },
     }
-    content = in_own_words(content)
     stated = {"plan": study.plan.name, "seed": aim.seed, "studies": aim.studies, "sha256": content["sha256"]}
     record = start.record("plan", "plan", **stated)
     return Plan(record, content, _designs(content), ledger.table())
@@ -354,6 +358,17 @@ def _gain(before: Assessment, more: Assessment) -> dict[str, float]:
     # Where no study changes, the error is that of one more which does.
     error = np.sqrt(max(gained.var(), 1 / (len(gained) + 2)) / len(gained))
     return {"gain": float(gained.mean()), "gain_se": float(error)}
+
+
+def _gains(content: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What each limit gains for each goal, the most first, and whether it ``shows`` apart from chance."""
+    gains = [
+        {"limit": key, "words": limit["words"], "goal": name, "gain": goal["gain"], "se": goal["gain_se"]}
+        for key, limit in content["limits"].items()
+        for name, goal in limit["goals"].items()
+    ]
+    gains.sort(key=lambda one: one["gain"], reverse=True)
+    return [one | {"shows": one["gain"] > SETTINGS.shows * one["se"]} for one in gains]
 
 
 def _designs(content: Mapping[str, Any]) -> pd.DataFrame:
