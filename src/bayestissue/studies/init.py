@@ -210,7 +210,7 @@ def write(intake: Intake, out: str | Path, *, overwrite: bool = False) -> Built:
             page = init_page(
                 built.dataset,
                 built.signal,
-                understood=_summary(intake),
+                understood=_understood(intake),
                 left_out=built.left_out,
                 notes=built.notes,
             )
@@ -249,35 +249,13 @@ def init_dataset(
     return read_dataset(out)
 
 
-# What the page says of the recordings, by its headings: see `words/init.jinja`.
-_HEADINGS = {
-    "values": "values",
-    "force_beside_it": "force beside it",
-    "gravity_along_the_motion": "gravity along the motion",
-    "contact": "contact",
-    "times": "times",
-    "low_pass": "low-pass",
-    "impacts": "impacts",
-}
-
-
-def _summary(intake: Intake) -> list[tuple[str, str]]:
+def _understood(intake: Intake) -> list[tuple[str, str]]:
     """What was understood, as pairs of a heading and words."""
-    from bayestissue.reports.pages.page import worded
+    from bayestissue.reports.pages.page import written
 
-    choices, candidates = intake.choices, intake.recordings.candidates()
-    stated = {option: choices.stated(option) for option in PLACES}
-    sources = [f"names read as {choices.pattern}"] if choices.pattern else []
-    sources += [f"the table {choices.table.name}"] if choices.table else []
-    sources += [f"{key} = {value} for all" for key, value in choices.given.items()]
-    understood = [(heading, worded("init", name, choices, stated)) for name, heading in _HEADINGS.items()]
-    return [
-        ("files", f"{len(intake.recordings.files)}, with the channels {', '.join(candidates)}"),
-        *(("written", words) for words in intake.written()),
-        *(("passed over", words) for words in intake.passed_over()),
-        *((heading, words) for heading, words in understood if words),
-        ("facts", "; ".join(sources)),
-    ]
+    stated = {option: intake.choices.stated(option) for option in PLACES}
+    lines = [line.partition(":") for line in written("init", "understood", intake, stated)]
+    return [(heading, words.strip()) for heading, _, words in lines]
 
 
 def _units(channels: list[ChannelSummary]) -> str:
