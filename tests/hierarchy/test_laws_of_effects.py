@@ -19,7 +19,7 @@ from bayestissue.model.hierarchy.gaussian.effects import (
 )
 from bayestissue.model.hierarchy.population import EffectParts, population_design
 from bayestissue.model.hierarchy.priors import Priors
-from bayestissue.studies.selftest.mixed_models import exactly_estimated
+from bayestissue.studies.selftest.published_numbers import exactly_estimated
 from designs import design_of, impacts
 
 FORMULA = "log(mass_kg) + age + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"

@@ -20,8 +20,7 @@ from bayestissue.model.hierarchy.gaussian.effects import (
 )
 from bayestissue.model.hierarchy.population import EffectParts, population_design
 from bayestissue.model.hierarchy.priors import Normal, Priors
-from bayestissue.studies.selftest.mixed_models import exactly_estimated, sleep_objective
-from bayestissue.studies.selftest.published_numbers import PUBLISHED
+from bayestissue.studies.selftest.published_numbers import PUBLISHED, exactly_estimated, sleep_objective
 from designs import REFERENCE, design_of, impacts, indicator
 
 FORMULA = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"

@@ -126,8 +126,7 @@ def selftest(thorough: bool = False, *, call: Call) -> Made:
             results are to lie, and removed.
         thorough: More models recovered, and a calibration of six hundred impacts: ten minutes.
     """
-    from bayestissue.studies.selftest.check_results import as_markdown, machine, verdict
-    from bayestissue.studies.selftest.selection import self_test
+    from bayestissue.studies.selftest.checks import as_markdown, machine, self_test, verdict
 
     start, work = runtime.CommandStart(), call.parts("selftest")
     # Nothing of a test that was ended counts.

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from time import sleep
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +18,6 @@ from bayestissue.base.declarations import declared
 from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.mechanics.elements import element
 from bayestissue.reports.figures.impacts import end
-from bayestissue.studies.selftest.check_results import Compared, differing
 
 _MODEL, _SUMMARY = "model.toml", "summary"
 # The campaign, and what is another in that of an element.
@@ -31,6 +30,23 @@ _FARTHEST = 5.0
 _CHAINS = 2
 # Killed when chains have come so far; looked at so often, and for so long at most.
 _SEGMENT, _EVERY_S, _LONGEST_S = "chain-0-segment-0003*", 0.05, 600.0
+
+
+class Compared(NamedTuple):
+    """What was compared, what was expected and found, in words, and whether that is well."""
+
+    what: str
+    expected: str
+    found: str
+    passed: bool
+
+
+def differing(what: str, here: pd.DataFrame, there: pd.DataFrame) -> Compared:
+    """Whether two tables have the same numbers: by a program's seed and on one machine, to the last digit."""
+    if here.shape != there.shape:
+        return Compared(what, f"{there.shape} numbers", f"{here.shape}", False)
+    count = int((~np.isclose(here, there, rtol=0, atol=0, equal_nan=True)).sum())
+    return Compared(what, "the same numbers", "the same" if not count else f"{count} differ", not count)
 
 
 def campaign(

@@ -1,19 +1,27 @@
-"""Which checks the self-test has, by default and thoroughly, and the one of formats: files in ``samples``."""
+"""The self-test: its checks, by default and thoroughly, and what becomes of them: table, verdict, text."""
 
 from __future__ import annotations
 
+import os
+import platform
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from bayestissue.base import runtime
+from bayestissue.base.outline import markdown_rows
 from bayestissue.base.result import Say
-from bayestissue.studies.selftest.check_results import Compared, Part, run
-from bayestissue.studies.selftest.fits import calibrated, recovered, resumed
+from bayestissue.base.results.tables import table_of_rows
+from bayestissue.reports.pages.page_tables import shown
+from bayestissue.studies.selftest.fits import Compared, calibrated, recovered, resumed
 from bayestissue.studies.selftest.published_numbers import PUBLISHED, Published
 
 # Of these models a campaign is recovered by default, of the further ones by --thorough.
@@ -24,6 +32,21 @@ SAMPLES = Path(__file__).parent / "samples"
 _RATE = 2000.0
 # C3D files hold single precision; text has twelve digits.
 _SINGLE, _TEXT = 1e-6, 1e-10
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the self-test.
+
+    Attributes:
+        name: what it is about.
+        comparisons: of a folder, which is its own and empty, what it finds.
+        thorough: whether it is one of ``--thorough`` alone.
+    """
+
+    name: str
+    comparisons: Callable[[Path], Iterable[Compared]]
+    thorough: bool = False
 
 
 def self_test(folder: Path, *, thorough: bool, say: Say) -> pd.DataFrame:
@@ -103,3 +126,64 @@ def read_back(folder: Path) -> list[Compared]:
         comparisons.append(Compared(end, expected, observed, bool(off <= allowed)))
     left_out = [end for end in SUFFIXES if end not in endings]
     return comparisons + [Compared(end, "its library is optional", "not installed", True) for end in left_out]
+
+
+def run(checks: Iterable[Part], folder: Path, say: Say) -> pd.DataFrame:
+    """All checks, one after another, each in a folder of its own: the table ``selftest.csv``.
+
+    What a check raises is what it found.
+    """
+    rows: list[tuple[Any, ...]] = []
+    chosen = list(checks)
+    for number, check in enumerate(chosen):
+        say(check.name, number, len(chosen))
+        files, began = folder / f"check-{number}", perf_counter()
+        files.mkdir(parents=True)
+        try:
+            comparisons = list(check.comparisons(files))
+        except Exception as error:
+            # Whatever it is, the other checks go on.
+            comparisons = [Compared("it ran to its end", "yes", f"{type(error).__name__}: {error}", False)]
+        seconds = round((perf_counter() - began) / len(comparisons), 2)
+        rows += [(check.name, *compared[:3], int(compared.passed), seconds) for compared in comparisons]
+    return table_of_rows("selftest", rows)
+
+
+def verdict(table: pd.DataFrame) -> tuple[bool, str]:
+    """Whether all is well, and so in one line."""
+    failed, seconds = table[table["passed"] == 0], table["seconds"].sum()
+    if failed.empty:
+        return True, f"The self-test passed: {len(table)} checks in {seconds:.0f} s."
+    names = ", ".join(dict.fromkeys(failed["check"]))
+    return False, f"The self-test failed: {len(failed)} of {len(table)} checks ({names}). Trust no result."
+
+
+def machine() -> dict[str, str]:
+    """The machine that the program ran on."""
+    memory = ""
+    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        memory = f"{os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 2**30:.1f} GiB"
+    return {
+        "system": platform.platform(),
+        "processor": platform.processor() or platform.machine(),
+        "cores": str(runtime.cores()),
+        "memory": memory,
+    }
+
+
+def as_markdown(table: pd.DataFrame, record: Mapping[str, Any]) -> str:
+    """The file to attach to a paper: verdict, date, versions, machine, and every check."""
+    _, words = verdict(table)
+    facts = {"date": record["started"], **record["versions"], **record["machine"]}
+    return "\n".join(
+        [
+            "# Self-test of bayestissue",
+            "",
+            words,
+            "",
+            *markdown_rows(("", ""), facts.items()),
+            "",
+            *shown("selftest", table).markdown(),
+            "",
+        ]
+    )
