@@ -46,6 +46,7 @@ def measured() -> pd.DataFrame:
     """Seconds of every drop, in its order."""
     from bayestissue.studies.bench.campaign_file import read_campaign
     from bayestissue.studies.bench.drops import Drops
+    from bayestissue.studies.bench.following import Stamp
     from bayestissue.studies.bench.order import Order
     from bayestissue.studies.bench.watching import Watch
 
@@ -57,9 +58,9 @@ def measured() -> pd.DataFrame:
         spent = [0.0]
 
         class Timed(Watch):
-            def _take(self, name: str) -> None:
+            def _take(self, name: str, stamp: Stamp) -> None:
                 begin = time.monotonic()
-                super()._take(name)
+                super()._take(name, stamp)
                 spent[0] = time.monotonic() - begin
 
         watch = Timed(folder, campaign, Drops(Path(scratch) / "set", campaign), Order(()), said.put)
