@@ -20,9 +20,9 @@ from bayestissue.recordings.dataset import read_dataset, write_dataset
 from bayestissue.recordings.signal import displacements
 from bayestissue.reports.pages import write_report
 from bayestissue.reports.pages.answers_page import predictions_page, questions_page
-from bayestissue.reports.pages.certificate_page import TABLES, certificate_html
 from bayestissue.reports.pages.plan_page import page_of
 from bayestissue.reports.pages.recordings_pages import init_page
+from bayestissue.studies.certificate.certificate import Certificate
 from bayestissue.studies.checking import check
 from dataset_bench import SETTINGS, tables
 from make_fit_run import fit_run, make_fit_run, make_scored_run
@@ -163,7 +163,7 @@ def certificate(folder: Path) -> Path:
                 }
             ]
         )
-        for name in TABLES
+        for name in Certificate.table_names
     }
     about = {"dataset": HOSTILE, "started": "2026-01-01", "refits": 20, "refits_failed": 1, "words": WORDS}
     about |= {
@@ -173,7 +173,7 @@ def certificate(folder: Path) -> Path:
         "run": {"started": "2026-01-01"},
     }
     about |= {"verdict": {"passed": False, "words": HOSTILE, "prior": HOSTILE}}
-    return saved(folder, certificate_html(about, made))
+    return saved(folder, Certificate(about, **made).page())
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -29,6 +29,15 @@ class Range(NamedTuple):
 
     low: float
     high: float
+
+    @classmethod
+    def of(cls, value: float | list[float]) -> Self:
+        """That of one value, or of the least and the greatest."""
+        return cls(*map(float, value if isinstance(value, list) else (value, value)))
+
+    def near(self, values: Float64[np.ndarray, " impact"]) -> Bool[np.ndarray, " impact"]:
+        """Which values are within `FACTOR` of these."""
+        return (self.low / FACTOR <= values) & (values <= self.high * FACTOR)
 
     def ratio(self, value: float) -> float:
         """A value over the nearest of these: 1 within the range."""
@@ -99,19 +108,14 @@ class Comparable(NamedTuple):
 def measurements() -> tuple[Measurement, ...]:
     """All of them, in the order of the file."""
     sources = {name: Citation(**entry) for name, entry in _FILE["sources"].items()}
-    return tuple(_measurement(dict(row), sources) for row in _FILE["measurements"])
-
-
-def _measurement(row: dict[str, Any], sources: Mapping[str, Citation]) -> Measurement:
-    source, mass, velocity = (row.pop(key, None) for key in ("source", "mass_kg", "velocity_m_s"))
-    published = {name: _range(row.pop(name)) for name in MEASURED if name in row}
-    motion: dict[str, Any] = {"mass": mass and _range(mass), "velocity": velocity and _range(velocity)}
-    return Measurement(source=sources[source], published=published, **motion, **row)
-
-
-def _range(value: float | list[float]) -> Range:
-    low, high = value if isinstance(value, list) else (value, value)
-    return Range(float(low), float(high))
+    rows = []
+    for row in _FILE["measurements"]:
+        texts = {name: text for name, text in row.items() if isinstance(text, str)}
+        ranges = {name: Range.of(value) for name, value in row.items() if name not in texts}
+        mass, velocity = (ranges.pop(name, None) for name in ("mass_kg", "velocity_m_s"))
+        source = sources[texts.pop("source")]
+        rows.append(Measurement(source=source, published=ranges, mass=mass, velocity=velocity, **texts))
+    return tuple(rows)
 
 
 def comparable(
@@ -130,11 +134,7 @@ def comparable(
     for row in measurements():
         if row.mass is None or row.velocity is None or site not in ("", row.site):
             continue
-        near = _near(mass, row.mass) & _near(velocity, row.velocity)
+        near = row.mass.near(mass) & row.velocity.near(velocity)
         if near.any():
             chosen.append(Comparable(row, near))
     return chosen
-
-
-def _near(value: Float64[np.ndarray, " impact"], published: Range) -> Bool[np.ndarray, " impact"]:
-    return (published.low / FACTOR <= value) & (value <= published.high * FACTOR)

@@ -203,8 +203,11 @@ def require_file(
 
 def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, str, str | Path] | None:
     """What is wrong with a place: the message, what it is, and the folder or file that is in the way."""
-    for folder, name in ((Path.cwd(), "the working folder"), (_home(), "the home folder")):
-        if folder is not None and _holds(out, folder):
+    protected = {"the working folder": Path.cwd()}
+    with suppress(RuntimeError):
+        protected["the home folder"] = Path.home().resolve()
+    for name, folder in protected.items():
+        if folder.is_relative_to(out):
             which = name if out == folder else f"a folder that holds {name}"
             return "out-taken.folder", which, folder
     if out.is_mount():
@@ -212,19 +215,9 @@ def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, s
     for path in inputs:
         # Text may be the name of a model of the program: `--model impact --out impact` is no conflict.
         is_name = isinstance(path, str) and not Path(path).is_file()
-        if path is not None and not is_name and _holds(out, Path(path).resolve()):
+        if path is not None and not is_name and Path(path).resolve().is_relative_to(out):
             return "out-taken.input", "what this command reads or writes", path
     for parent in out.parents:
         if _hashes(parent) is not None and not (parent / _DATASET).exists():
             return "out-taken.inside", "a folder inside other results", parent
-    return None
-
-
-def _holds(folder: Path, path: Path) -> bool:
-    return path == folder or folder in path.parents
-
-
-def _home() -> Path | None:
-    with suppress(RuntimeError):
-        return Path.home().resolve()
     return None

@@ -28,25 +28,17 @@ _ACROSS = 3
 _WIDTH = 240
 
 
-def loops(
-    rows: pd.DataFrame,
-    recorded: pd.DataFrame,
-    panels: Sequence[str],
-    levels: Sequence[str],
-    words: str,
-) -> Figure:
+def loops(rows: pd.DataFrame, recorded: pd.DataFrame, words: str) -> Figure:
     """Force over depth, a panel for each motion: levels as lines, recorded impacts as thin ones.
 
     Args:
         rows: ``panel``, ``level``, ``branch`` ("in" to the greatest depth, "out" from there on), ``depth_mm``
-            and ``force_N``, in their order.
+            and ``force_N``, in the order of panels and levels; each level has a colour and a mark of its own.
         recorded: ``panel``, ``level``, ``impact``, ``order``, ``depth_mm`` and ``force_N``.
-        panels: in order.
-        levels: in order, each a colour and a mark of its own.
         words: what the figure shows.
     """
     depth, force = number("depth_mm", "depth (mm)"), number("force_N", "force (N)")
-    colour, shape = _of_levels(levels)
+    colour, shape = _of_levels(rows)
     details = tooltips(rows, level="of", depth_mm="depth (mm)", force_N="force (N)")
     parts = {
         "recorded": recorded,
@@ -65,7 +57,7 @@ def loops(
         _of("median", mark("line", None, line, strokeWidth=1.6)),
         _of("deepest", mark("point", None, tip, size=55)),
     ]
-    return Figure(_panels(parts, layers, panels), words, rows)
+    return Figure(_panels(parts, layers, list(rows["panel"].unique())), words, rows)
 
 
 def over_velocity(
@@ -74,7 +66,6 @@ def over_velocity(
     x: Specification,
     axis: str,
     panels: Sequence[str],
-    levels: Sequence[str],
     words: str,
 ) -> Figure:
     """An outcome over velocity or height: levels with their bands, dashed beyond what was measured.
@@ -85,11 +76,10 @@ def over_velocity(
         x: a channel of numbers.
         axis: name and unit of the outcome.
         panels: in order, one for each mass.
-        levels: in order, each a colour and a mark of its own.
         words: what the figure shows.
     """
     x, y = x | {"scale": {"zero": False}}, number("median", axis, scale={"zero": False})
-    colour, shape = _of_levels(levels)
+    colour, shape = _of_levels(rows)
     titles = {"impact": "impact", "level": "of", x["field"]: x["title"], "median": "median"}
     titles |= {"low": "90 % from", "high": "to"}
     at = {"x": x, "color": colour}
@@ -112,8 +102,9 @@ def over_velocity(
     return Figure(_panels({"all": rows, "recorded": recorded, **curves}, layers, panels), words, rows)
 
 
-def _of_levels(levels: Sequence[str]) -> tuple[Specification, Specification]:
+def _of_levels(rows: pd.DataFrame) -> tuple[Specification, Specification]:
     """A colour and a shape for each level, short names side by side in the legend."""
+    levels = list(rows["level"].unique())
     wide = len(levels) > 1 and sum(map(len, levels)) < LOOK.long
     legend = {"legend": {"columns": len(levels)}} if wide else {}
     return colours(levels, "level") | legend, shapes(levels, "level") | legend

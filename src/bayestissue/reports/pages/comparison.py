@@ -52,8 +52,14 @@ def figures_by_run(posteriors: pd.DataFrame, quantity: str, one_element: bool) -
     of_element = (f"{quantity}_typical_person", f"{quantity}_new", f"{quantity}_subject")
     values = of_element if one_element else (OF_IMPACTS[quantity], _OF_SUBJECT[quantity])
     exponents = (f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth")
-    parts = {variable: posteriors[posteriors["variable"] == variable] for variable in (*exponents, *values)}
-    return [_by_run(rows, quantity, variable in exponents) for variable, rows in parts.items() if len(rows)]
+    figures = []
+    for variable in (*exponents, *values):
+        rows = posteriors[posteriors["variable"] == variable]
+        if len(rows):
+            what, exponent = heading_words(variable, rows["of"].iloc[0]), variable in exponents
+            title = f"{what} ({'no unit' if exponent else UNITS[quantity]})"
+            figures.append(_drawn(rows, f"{NAMES[quantity]} by run: {what}", title, exponent=exponent))
+    return figures
 
 
 def outcome_figures(posteriors: pd.DataFrame) -> list[Figure]:
@@ -69,12 +75,6 @@ def outcome_figures(posteriors: pd.DataFrame) -> list[Figure]:
         for name, rows in parts.items()
         if len(rows)
     ]
-
-
-def _by_run(rows: pd.DataFrame, quantity: str, exponent: bool) -> Figure:
-    what = heading_words(rows["variable"].iloc[0], rows["of"].iloc[0])
-    title = f"{what} ({'no unit' if exponent else UNITS[quantity]})"
-    return _drawn(rows, f"{NAMES[quantity]} by run: {what}", title, exponent=exponent)
 
 
 def _drawn(

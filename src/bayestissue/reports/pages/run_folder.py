@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from importlib import import_module
@@ -81,7 +80,7 @@ class PosteriorRun:
             InputError: files lack, or aren't what a run writes.
         """
         require_files(folder, ["posterior.nc", "diagnostics.json"])
-        tree = open_tree(folder / "posterior.nc", dict.fromkeys(cls.opened, ()), cls.again)
+        tree = open_tree(folder / "posterior.nc", cls.opened, cls.again)
         diagnostics = read_json(folder / "diagnostics.json")
         return cls(record, tree, diagnostics, cache(partial(stored_table, folder)), folder)
 
@@ -190,25 +189,27 @@ def read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def open_tree(path: Path, needed: Mapping[str, Sequence[str]], remedy: str = AGAIN) -> xr.DataTree:
+def open_tree(path: Path, groups: Sequence[str], remedy: str) -> xr.DataTree:
     """The DataTree of a ``posterior.nc``, its draws left on disk.
 
     Args:
         path: of the file.
-        needed: variables by group, without which the file is of no use.
+        groups: without which the file is of no use.
         remedy: what to do if it is not such a file.
 
     Raises:
         InputError: it isn't such a file, or lacks some of them.
     """
-    with _as_input_errors(path, remedy):
+    try:
         tree = xr.open_datatree(path, engine="h5netcdf")
-        try:
-            require_groups(tree, needed, path, remedy)
-        except InputError:
-            tree.close()
-            raise
-        return tree
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(wrong_in(path, "a DataTree as a run writes it", remedy, value=str(error))) from error
+    try:
+        require_groups(tree, dict.fromkeys(groups, ()), path, remedy)
+    except InputError:
+        tree.close()
+        raise
+    return tree
 
 
 def require_groups(
@@ -223,17 +224,6 @@ def require_groups(
     ]
     if lacking:
         raise InputError(wrong_in(path, f"the parts {', '.join(lacking)}", remedy, value="none of them"))
-
-
-@contextmanager
-def _as_input_errors(path: Path, remedy: str) -> Iterator[None]:
-    """Whatever a file of draws can't be read for, as an `InputError`."""
-    try:
-        yield
-    except InputError:
-        raise
-    except (OSError, KeyError, ValueError) as error:
-        raise InputError(wrong_in(path, "a DataTree as a run writes it", remedy, value=str(error))) from error
 
 
 def write_report(run_dir: Path) -> Path:
@@ -259,7 +249,7 @@ _PAGES = {
     "fit": ("reports.pages.fit.fit_page", "fit_page"),
     "comparison": ("reports.pages.comparison", "comparison_page"),
     "plan": ("reports.pages.plan_page", "plan_page"),
-    "certificate": ("reports.pages.certificate_page", "certificate_page"),
+    "certificate": ("studies.certificate.certificate", "certificate_page"),
 }
 
 

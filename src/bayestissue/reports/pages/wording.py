@@ -200,15 +200,8 @@ def probability(value: float) -> str:
 
 def likelihood_words(value: float) -> str:
     """A probability as a word that ordinary readers take the same way."""
-    bounds = (
-        (0.99, "almost certainly"),
-        (0.9, "very probably"),
-        (2 / 3, "probably"),
-        (1 / 3, "possibly"),
-        (0.1, "probably not"),
-        (0.01, "very probably not"),
-    )
-    return next((words for bound, words in bounds if value >= bound), "almost certainly not")
+    bounds: dict[str, float] = SENTENCES["likelihood"]
+    return next((words for words, bound in bounds.items() if value >= bound), "almost certainly not")
 
 
 def listed(words: list[str]) -> str:

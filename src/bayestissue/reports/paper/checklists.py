@@ -32,11 +32,13 @@ def checklists(run: FitRun, text: Text, certified: Mapping[str, Any] | None = No
     }
     for guideline, content in declared(__package__, _FILE).items():
         for item in content["items"]:
-            found = [
-                worded("checklists", key, run, stated) if hasattr(known, key) else _section(text, key)
+            answers = [
+                worded("checklists", key, run, stated)
+                if hasattr(known, key)
+                else " ".join(text.sections.get(key, []))
                 for key in item.get("answers", [])
             ]
-            answer = " ".join(filter(None, found))
+            answer = " ".join(filter(None, answers))
             question = item.get("ask", "") or ("" if answer else item.get("ask_without", ""))
             rows.append((guideline, item["number"], item["item"], int(bool(answer)), answer, question))
     table = table_of_rows("checklists", rows)
@@ -58,8 +60,3 @@ def checklists_markdown(table: pd.DataFrame) -> list[str]:
 def _cell(row: Mapping[Any, Any]) -> str:
     question = f"**To say: {row['question']}**" if row["question"] else ""
     return " ".join(filter(None, [row["answer"], question]))
-
-
-def _section(text: Text, heading: str) -> str:
-    """What a section of methods.md says."""
-    return " ".join(text.sections.get(heading, []))

@@ -20,7 +20,7 @@ from bayestissue.reports.pages.fit import answers, study_answers
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.page import written
 from bayestissue.reports.pages.posterior import QUANTITIES, exponent, levels, spread
-from bayestissue.reports.pages.wording import Spread, listed
+from bayestissue.reports.pages.wording import SENTENCES, Spread, listed
 
 _ERRORS = {
     "relative_mass_sd": ("mass", 100.0, "%"),
@@ -55,18 +55,6 @@ class Text:
         return f"[{', '.join(str(self.references.index(text) + 1) for text in texts)}]"
 
 
-# Headings, each with the macro that writes what stands under it.
-_SECTIONS = {
-    "Measurements": "measurements",
-    "Model": "model",
-    "Computation": "computation",
-    "Results": "results",
-    "Questions": "questions",
-    "Repeatability": "repeatability",
-    "What the model can't tell": "limits",
-}
-
-
 def text_of(run: FitRun, asked: Study | None = None) -> Text:
     """Methods and results of a fit; with what questions need of it, also what an impact does.
 
@@ -75,7 +63,7 @@ def text_of(run: FitRun, asked: Study | None = None) -> Text:
     """
     text = Text(f"Methods and results: {run.record['dataset']}", nouns=run.nouns)
     further = {"computation": text.cite, "repeatability": text.cite, "results": asked}
-    for heading, macro in _SECTIONS.items():
+    for heading, macro in SENTENCES["methods"].items():
         values = [further[macro]] if macro in further else []
         if paragraphs := written("methods", macro, run, *values):
             text.sections[heading] = [run.nouns(words) for words in paragraphs]

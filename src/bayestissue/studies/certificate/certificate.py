@@ -18,14 +18,15 @@ from bayestissue.base.errors import InputError
 from bayestissue.base.outline import Rows, short
 from bayestissue.base.result import Result, Say, silent
 from bayestissue.base.results.files import whole_file
-from bayestissue.base.results.tables import table_of_rows
+from bayestissue.base.results.tables import read_table, table_of_rows
 from bayestissue.inference.chain.draws import ChainJob, chain_draws
 from bayestissue.inference.fit import sample
 from bayestissue.model.hierarchy.specification import Sampler
 from bayestissue.model.hierarchy.trace_data import Prepared, with_discrepancy
 from bayestissue.recordings.dataset import Dataset, read_dataset
-from bayestissue.reports.pages.certificate_page import TABLES, as_markdown, certificate_html
-from bayestissue.reports.pages.page import worded
+from bayestissue.reports.pages.page import part, render_page, worded
+from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of_cells, tag
+from bayestissue.reports.pages.wording import names_in, nouns_of
 from bayestissue.reports.paper.checklists import checklists, checklists_markdown
 from bayestissue.reports.paper.text import text_of
 from bayestissue.studies.certificate import FEWEST_REFITS, MOST_REFITS, REFITS
@@ -37,6 +38,7 @@ from bayestissue.studies.fitting import FitRequest, fit_job
 type Recordings = Dataset | str | Path | None
 # Of a refit: enough for ranks among 99 draws.
 _SAMPLER = Sampler(chains=2, draws=1000, effective=150)
+_CHECK = "\N{CHECK MARK}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,7 +56,7 @@ class Certificate(Result):
 
     command = "certify"
     files = ("report.html", "certificate.md")
-    table_names = TABLES
+    table_names = ("calibration", "ranks", "sensitivity", "checklists")
     about: dict[str, Any]
     calibration: pd.DataFrame
     ranks: pd.DataFrame
@@ -82,14 +84,54 @@ class Certificate(Result):
 
     def page(self) -> str:
         """The HTML of the page."""
-        return certificate_html(self.about, self.tables)
+        return render_page(
+            "certificate.html",
+            nouns=nouns_of(self.about, names_in(self.calibration)),
+            record=self.about,
+            calibration=self.calibration,
+            calibration_table=_calibration_table(self.calibration),
+            moved=self._moved_by_priors(),
+            sensitivity=self.sensitivity,
+            checklists=self.checklists,
+        )
 
     def write(self, folder: Path) -> None:
         """Write every file of a certificate but the page."""
         super().write(folder)
-        lists = checklists_markdown(self.checklists)
-        attached = as_markdown(self.about, lists, self.calibration, self.sensitivity)
+        about, lists = self.about, "\n".join(checklists_markdown(self.checklists))
+        facts = {"fit of": about["dataset"], "fitted": about["run"]["started"], "certified": about["started"]}
+        tables = {
+            "facts": table_of_cells((facts | about["versions"]).items(), "", ""),
+            "calibration": shown("calibration", self.calibration, "attached"),
+            "moved": self._moved_by_priors(),
+        }
+        lines = {name: "\n".join(table.markdown()) if table.rows else "" for name, table in tables.items()}
+        attached = str(part("words/certificate.jinja").attached(about, lines, lists))
         (folder / "certificate.md").write_text(attached, encoding="utf-8")
+
+    def _moved_by_priors(self) -> Table:
+        """The quantities in which the prior has a part."""
+        return shown("sensitivity", self.sensitivity[self.sensitivity["diagnosis"] != _CHECK])
+
+
+def certificate_page(folder: Path, record: dict[str, Any]) -> str:
+    """The HTML of the page of the certificate in ``folder``, whose ``run.json`` holds ``record``.
+
+    Raises:
+        InputError: a file of it lacks or isn't what `certify` writes.
+    """
+    return Certificate(record, **{name: read_table(folder, name) for name in Certificate.table_names}).page()
+
+
+def _calibration_table(calibration: pd.DataFrame) -> Table:
+    """What the ranks of each quantity say."""
+    passed = Field("ranks", lambda row: tag("yes", "uniform") if row["passed"] else tag("no", "NOT UNIFORM"))
+    return shown(
+        "calibration",
+        calibration,
+        fields={"passed": passed},
+        mark=lambda row: "" if row["passed"] else "failed",
+    )
 
 
 def certify(

@@ -114,8 +114,7 @@ def loops(run: FitRun, factor: str = "") -> Figure:
         depth_mm=1e3 * rows["depth_m"],
     )[["panel", "level", "branch", "depth_mm", "force_N"]].reset_index(drop=True)
     words = said("figures.loops", of=f"each {factor}" if factor else f"a {person_words(run)['typical']}")
-    levels = list(dict.fromkeys(table["level"]))
-    return drawn.loops(table, _recorded(run, factor, titles), list(titles.values()), levels, words)
+    return drawn.loops(table, _recorded(run, factor, titles), words)
 
 
 def _motion(run: FitRun, mass: float, velocity: float) -> str:
@@ -171,9 +170,8 @@ def curves(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
     )[["panel", "level", "impact", column, *ends]]
     for shown in (table, points):
         shown[ends] *= scale
-    levels = list(dict.fromkeys(table["level"]))
     words = said("figures.curves", name=title, over=x["title"], factor=factor)
-    return drawn.over_velocity(table, points, x, quantity_title(quantity), panels, levels, words)
+    return drawn.over_velocity(table, points, x, quantity_title(quantity), panels, words)
 
 
 def _measured(run: FitRun, factor: str, quantity: str) -> pd.DataFrame:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -81,19 +81,17 @@ def comparable_measurements(run: FitRun) -> list[Comparable]:
 
 def lines(run: FitRun) -> list[Line]:
     """Their values beside this run's, by quantity, of those quantities that this run has."""
-    order = [_NAMES[column] for column in MEASURED]
-    compared = [line for one in comparable_measurements(run) for line in _lines_of(run, one)]
-    return sorted(compared, key=lambda line: order.index(line.quantity))
-
-
-def _lines_of(run: FitRun, one: Comparable) -> Iterator[Line]:
-    for column, published in one.measurement.published.items():
+    measurements, compared = comparable_measurements(run), []
+    for column in MEASURED:
         quantity = _NAMES[column]
         values = run.of_impacts(_ACROSS_ELEMENTS.get(quantity, quantity))
         values = run.of_impacts(quantity) if values.empty else values
-        estimates = values["median"].to_numpy(float)[one.impacts] if len(values) else np.empty(0)
-        if len(known := estimates[np.isfinite(estimates)]):
-            yield Line(one.measurement, quantity, published, known)
+        for one in measurements if len(values) else ():
+            estimates = values["median"].to_numpy(float)[one.impacts]
+            known, published = estimates[np.isfinite(estimates)], one.measurement.published.get(column)
+            if published is not None and len(known):
+                compared.append(Line(one.measurement, quantity, published, known))
+    return compared
 
 
 def published_quantities(run: FitRun) -> list[str]:
