@@ -20,8 +20,13 @@ from evidence import measure
 from evidence.simulations import simulation, tables
 from studies import CHAIN
 
-from bayestissue.inference.checking.incredible import RATE, alarms
-from bayestissue.inference.checking.measuring_chain import AMPLITUDE, JUDGED, freed
+from bayestissue.inference.checking.measuring_chain import (
+    AMPLITUDE,
+    JUDGED,
+    RATE,
+    alarmed,
+    estimated_error,
+)
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.recordings.dataset import Dataset, Trace
@@ -97,13 +102,13 @@ def judged(unit: tuple[str, str]) -> pd.DataFrame:
     # The priors are those of the sound recordings.
     model = prepare(data, specification, source="the model").model
     prepared = replace(prepare(SPOILT[spoilt](data), specification, source="the model"), model=model)
-    errors = {error: freed(prepared, error) for error in JUDGED}
+    errors = {error: estimated_error(prepared, error) for error in JUDGED}
     off, rows = errors[AMPLITUDE].error / errors[AMPLITUDE].unit, []
     person, condition = number_of(data, "subject"), number_of(data, "trial")
     for number in range(sets):
         own = person // PEOPLE == number
         groups = {"trial": condition[own], "subject": person[own] % PEOPLE}
-        alarm = any(alarms(each.z[own], groups, RATE / len(JUDGED)).any for each in errors.values())
+        alarm = any(alarmed(each.z[own], groups, RATE / len(JUDGED)) for each in errors.values())
         rows.append({"alarm": alarm, "velocity_off": np.median(off[own])})
     return pd.DataFrame(rows).assign(likelihood=likelihood, spoilt=spoilt)
 

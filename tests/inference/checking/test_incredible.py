@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bayestissue.inference.checking.incredible import ALL, IMPACT, RATE, alarms, pattern_of
+from bayestissue.inference.checking.measuring_chain import ALL, IMPACT, RATE, alarmed, alarms, pattern_of
 
 PEOPLE, CONDITIONS = 4, 5
 GROUPS = {
@@ -18,7 +18,7 @@ COUNT = PEOPLE * CONDITIONS
 def test_right_models_raise_alarms_as_seldom_as_promised() -> None:
     rng = np.random.default_rng(3)
     sets = 4000
-    raised = sum(alarms(z, GROUPS).any for z in rng.standard_normal((sets, COUNT)))
+    raised = sum(alarmed(z, GROUPS) for z in rng.standard_normal((sets, COUNT)))
     # Bonferroni's inequality bounds the rate; a count beyond this has a probability of 1 in 10,000.
     assert raised <= binom.isf(1e-4, sets, RATE)
     assert raised > 0
@@ -35,7 +35,7 @@ def _z() -> np.ndarray:
 
 def test_all_shifted_by_two_though_none_alone_is_incredible(z: np.ndarray) -> None:
     shifted = z + 2
-    assert not alarms(shifted, GROUPS).single.any()
+    assert not alarms(shifted, GROUPS)[IMPACT].any()
     pattern = found(shifted)
     assert (pattern.kind, pattern.common, pattern.impacts.all()) == (ALL, True, True)
 
@@ -62,4 +62,4 @@ def test_a_wide_scatter_without_a_direction_is_that_of_all() -> None:
 
 def test_a_small_shift_of_very_many_is_no_alarm() -> None:
     z = np.random.default_rng(6).standard_normal(100_000) + 0.1
-    assert not alarms(z, {}).any
+    assert not alarmed(z, {})

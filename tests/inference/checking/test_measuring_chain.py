@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue.inference.checking.measuring_chain import AMPLITUDE, OFFSET, common_gain, freed, judge
+from bayestissue.inference.checking.measuring_chain import (
+    AMPLITUDE,
+    OFFSET,
+    common_gain,
+    estimated_error,
+    judge,
+)
 from bayestissue.model.hierarchy.priors import normal
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
@@ -92,7 +98,7 @@ def test_a_velocity_is_named_before_a_zero_that_explains_the_traces_as_well(impa
 @pytest.mark.slow
 def test_the_error_that_was_made_is_found_to_its_standard_error(impact: Prepare, good: Dataset) -> None:
     stated = impact(with_column(good, "velocity_m_s", 1 / 1.1))
-    found = freed(stated, AMPLITUDE)
+    found = estimated_error(stated, AMPLITUDE)
     made = found.error - stated.signal.velocity * 0.1
     assert np.abs(made / found.expected_sd).mean() < 1 + FAR / np.sqrt(12)
 

@@ -16,10 +16,18 @@ A gain that errs alike in all impacts is no error of each: they are judged at th
 together tell, if that is credible by what was declared, or else at the declared one.
 
 A wrong mass does not show: it makes K and C of an impact wrong by one factor, and its trace no other.
+
+Whether z are credible together is asked with a known rate of false alarms. Four kinds of departure from
+independent standard normals are looked for, each with the same share of the whole rate, by Bonferroni's
+inequality: a mean of all impacts away from 0, one of a group (all impacts of a person, or of a condition), a
+single impact far out, and a sum of squares too great for chi-square. A mean is to be `LEAST_SHIFT` at least
+and a root mean square `LEAST_SPREAD`: where impacts are many, less of either is sure too, but does little to
+intervals.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,15 +37,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from jax import Array
-from jaxtyping import Float
-from scipy.stats import norm
+from jaxtyping import Bool, Float
+from scipy.stats import chi2, norm
 
-from bayestissue.base.arrays import JaxPerParameter, PerImpact, PerParameter
+from bayestissue.base.arrays import IndexPerImpact, JaxPerParameter, MaskPerImpact, PerImpact, PerParameter
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence
-from bayestissue.inference.checking import incredible
 from bayestissue.inference.checking.findings import ALL_ROWS, Finding
-from bayestissue.inference.checking.incredible import ErrorPattern, Groups
 from bayestissue.inference.checking.model_form import LIMIT, judged_at
 from bayestissue.inference.execution.compiling import by_row, padded
 from bayestissue.inference.execution.kept import some_impacts, some_of
@@ -75,10 +81,101 @@ _CLEAR, _CLEAR_SHARE = 10.0, 0.2
 _WIDE = {AMPLITUDE: 0.5, OFFSET: 1.0, CONTACT: 0.3}
 _MOST_NAMED = 12
 _GROUPS = ("trial", "subject")
+# Of false alarms, over everything that is looked at.
+RATE = 0.005
+# An interval that rests on nothing but a normal error holds 86 % where that error's mean is half its standard
+# deviation off, and 75 % where it is half as wide again as declared.
+LEAST_SHIFT = 0.5
+LEAST_SPREAD = 1.5
+ALL, IMPACT, SCATTER = "all", "impact", "scatter"
+
+# By kind ("subject", "trial"), the number of each impact's group, from 0.
+Groups = Mapping[str, IndexPerImpact]
+
+
+def alarms(z: PerImpact, groups: Groups, rate: float = RATE) -> dict[str, Bool[np.ndarray, " group"]]:
+    """Which departures of ``z`` from independent standard normals are incredible.
+
+    Args:
+        z: standardised errors.
+        groups: of the impacts.
+        rate: at most this share of right models raises any alarm.
+
+    Returns:
+        `ALL`, of their mean; by kind of group, of the mean of each of its groups; `IMPACT`, of each by
+        itself; `SCATTER`, of their sum of squares.
+    """
+    count, share = len(z), rate / (3 + len(groups))
+    raised = {ALL: _shifted(z, np.zeros(count, int), share)}
+    for kind, codes in groups.items():
+        size = np.bincount(codes)
+        # One group is all impacts, and a group of one impact that impact.
+        raised[kind] = _shifted(z, codes, share) & (size > 1) & (len(size) > 1)
+    raised[IMPACT] = np.abs(z) > norm.isf(share / (2 * count))
+    raised[SCATTER] = np.array([(z**2).sum() > max(chi2.isf(share, count), LEAST_SPREAD**2 * count)])
+    return raised
+
+
+def alarmed(z: PerImpact, groups: Groups, rate: float = RATE) -> bool:
+    """Whether anything of ``z`` is incredible: see `alarms`."""
+    return any(flags.any() for flags in alarms(z, groups, rate).values())
+
+
+def _shifted(z: PerImpact, codes: IndexPerImpact, rate: float) -> Bool[np.ndarray, " group"]:
+    """Of each group whether the mean is incredibly far from 0."""
+    size = np.bincount(codes)
+    mean = np.bincount(codes, weights=z) / np.maximum(size, 1)
+    limit = norm.isf(rate / (2 * len(size))) / np.sqrt(np.maximum(size, 1))
+    return np.abs(mean) > np.maximum(limit, LEAST_SHIFT)
 
 
 @dataclass(frozen=True)
-class Freed:
+class ErrorPattern:
+    """The simplest account of incredible errors.
+
+    Attributes:
+        kind: `ALL`, a kind of group, or `IMPACT`.
+        impacts: which are concerned.
+        common: whether those of a group (or all of them) share one factor.
+    """
+
+    kind: str
+    impacts: MaskPerImpact
+    common: bool
+
+
+def pattern_of(
+    error: PerImpact, sd: PerImpact, unit: PerImpact, groups: Groups, rate: float = RATE
+) -> ErrorPattern | None:
+    """What impacts' errors have in common, if they are incredible: None if they are not.
+
+    One factor of all impacts is the simplest, then one of each of some groups, which after it is taken off
+    leaves nothing incredible; then single impacts.
+
+    Args:
+        error: of each impact.
+        sd: what its standard deviation would be under the right model.
+        unit: what a common factor multiplies, such as the velocity.
+        groups: as of `alarms`.
+        rate: as of `alarms`.
+    """
+    raised = alarms(error / sd, groups, rate)
+    if not any(flags.any() for flags in raised.values()):
+        return None
+    for kind, codes in {ALL: np.zeros(len(error), int), **groups}.items():
+        weight = np.bincount(codes, weights=unit**2 / sd**2)
+        factor = np.bincount(codes, weights=error * unit / sd**2) / np.maximum(weight, 1e-300)
+        concerned = raised[kind][codes]
+        left = error - np.where(concerned, factor[codes] * unit, 0.0)
+        if concerned.any() and not alarmed(left / sd, groups, rate):
+            return ErrorPattern(kind, concerned, common=True)
+    if raised[IMPACT].any():
+        return ErrorPattern(IMPACT, raised[IMPACT], common=False)
+    return ErrorPattern(ALL, np.ones(len(error), bool), common=False)
+
+
+@dataclass(frozen=True)
+class ErrorEstimate:
     """One error of the chain as the traces have it, each [impact].
 
     Attributes:
@@ -114,6 +211,16 @@ class Freed:
         size = np.minimum(np.abs(self.error) / self.expected_sd, np.sqrt(2 * np.maximum(self.gain, 0.0)))
         return np.sign(self.error) * size
 
+    def pattern(self, groups: Groups) -> ErrorPattern | None:
+        """What the impacts' errors have in common: see `pattern_of`."""
+        # An error without a z has no weight either.
+        sd = np.maximum(np.abs(self.error) / np.maximum(np.abs(self.z), 1e-6), self.expected_sd)
+        return pattern_of(self.error, sd, self.unit, groups, RATE / len(JUDGED))
+
+    def relative(self, impacts: MaskPerImpact) -> PerImpact:
+        """The error of some impacts over its unit."""
+        return (self.error / self.unit)[impacts]
+
 
 def common_gain(prepared: Prepared, posterior: xr.DataTree) -> Normal | None:
     """The log of the gain that all impacts share, as they are judged at it; None where each has its own.
@@ -128,8 +235,8 @@ def common_gain(prepared: Prepared, posterior: xr.DataTree) -> Normal | None:
     told = precision - declared.sd**-2
     if told > 0:
         z = drawn.mean() * precision / told / np.hypot(declared.sd, told**-0.5)
-        # As rarely as any one of the departures that `incredible.alarms` looks for, on either side.
-        if abs(z) > norm.isf(incredible.RATE / len(JUDGED) / (3 + len(_GROUPS)) / 2):
+        # As rarely as any one of the departures that `alarms` looks for, on either side.
+        if abs(z) > norm.isf(RATE / len(JUDGED) / (3 + len(_GROUPS)) / 2):
             return declared
     return normal(float(drawn.mean()), float(drawn.std()))
 
@@ -169,22 +276,15 @@ def judge(
         expansions = _at_gain(prepared, with_normal_errors(prepared.data), log_gain)[0]
     else:
         expansions = rows_of(expansions, rows)
-    errors = {name: freed(prepared, name, expansions, log_gain) for name in JUDGED}
-    patterns = {name: _pattern(freed_error, groups) for name, freed_error in errors.items()}
-    if not any(patterns.values()):
-        return {"passed": True, "of": len(prepared.impacts)}
-    contact = freed(prepared, CONTACT, expansions, log_gain)
-    errors, patterns = {**errors, CONTACT: contact}, {**patterns, CONTACT: _pattern(contact, groups)}
-    return _account(prepared, expansions, errors, patterns)
-
-
-def _pattern(freed_error: Freed, groups: Groups) -> ErrorPattern | None:
-    rate = incredible.RATE / len(JUDGED)
-    # An error without a z has no weight either.
-    sd = np.abs(freed_error.error) / np.maximum(np.abs(freed_error.z), 1e-6)
-    return incredible.pattern_of(
-        freed_error.error, np.maximum(sd, freed_error.expected_sd), freed_error.unit, groups, rate
-    )
+    errors: dict[str, ErrorEstimate] = {}
+    patterns: dict[str, ErrorPattern] = {}
+    for name in (*JUDGED, CONTACT):
+        if name == CONTACT and not patterns:
+            return {"passed": True, "of": len(prepared.impacts)}
+        errors[name] = estimated_error(prepared, name, expansions, log_gain)
+        if pattern := errors[name].pattern(groups):
+            patterns[name] = pattern
+    return _contradiction(prepared, expansions, errors, patterns)
 
 
 def _at_gain(
@@ -207,9 +307,9 @@ def _at_gain(
     return sites._replace(log_scale=sites.log_scale - lost / 2), prior
 
 
-def freed(
+def estimated_error(
     prepared: Prepared, name: str, expansions: GaussianFactor | None = None, log_gain: Normal | None = None
-) -> Freed:
+) -> ErrorEstimate:
     """One error of the chain, its declared standard deviation taken away.
 
     Args:
@@ -248,7 +348,7 @@ def freed(
     # With an error so wide a normal likelihood is z^2 / 2 - log(wide / expected sd) above that as declared.
     occam = np.log(_WIDE[name] * unit / np.hypot(spread, declared))
     gain = np.asarray(sites.log_scale) + occam - np.asarray(before.log_scale)
-    return Freed(error, spread, declared, unit, centre, gain)
+    return ErrorEstimate(error, spread, declared, unit, centre, gain)
 
 
 def _unit(prepared: Prepared, name: str) -> PerImpact:
@@ -270,41 +370,36 @@ def _errors(
     return trace_likelihood(model, data, list(u.T)).draw_errors(key)
 
 
-def _account(
+def _contradiction(
     prepared: Prepared,
     expansions: GaussianFactor,
-    errors: dict[str, Freed],
-    patterns: dict[str, ErrorPattern | None],
+    errors: dict[str, ErrorEstimate],
+    patterns: dict[str, ErrorPattern],
 ) -> dict[str, Any]:
     """Which error explains best what the traces contradict, and what it does."""
     # Over the way to the peak they do much the same to a trace: the velocity is named first unless another
     # is clearly the better account.
-    gain = {key: errors[key].gain.sum() for key, pattern in patterns.items() if pattern is not None}
+    gain = {key: errors[key].gain.sum() for key in patterns}
     greatest = max(gain.values())
     least = greatest - max(_CLEAR, _CLEAR_SHARE * greatest)
     name, *equivalent = [key for key, explained in gain.items() if explained > least]
-    freed_error, pattern = errors[name], patterns[name]
-    assert pattern is not None  # noqa: S101 - candidates have one
-    left = structure_left(prepared, name, freed_error) if prepared.model.kind == "impact" else 0.0
+    estimate, pattern, names = errors[name], patterns[name], prepared.impacts.astype(str)
+    left = structure_left(prepared, name, estimate) if prepared.model.kind == "impact" else 0.0
     which = pattern.impacts
-    change = np.expm1(np.median((freed_error.centre - np.asarray(expansions.centre))[which], axis=0))
-    sds = np.abs(freed_error.error[which]) / np.where(
-        freed_error.declared[which] > 0, freed_error.declared[which], np.nan
-    )
-    impacts = prepared.impacts["impact"].astype(str)[which].tolist()
+    change = np.expm1(np.median((estimate.centre - np.asarray(expansions.centre))[which], axis=0))
+    sds = np.abs(estimate.error) / np.where(estimate.declared > 0, estimate.declared, np.nan)
+    impacts, relative = names["impact"][which].tolist(), estimate.relative(which)
     account = {
         "error": name,
-        "alike": {key: _relative(errors[key], which) for key in equivalent},
+        "alike": {key: float(np.median(errors[key].relative(which))) for key in equivalent},
         "kind": pattern.kind,
         "common": pattern.common,
         "impacts": impacts,
-        "groups": prepared.impacts[pattern.kind].astype(str)[which].unique().tolist()
-        if pattern.kind in _GROUPS
-        else [],
+        "groups": names[pattern.kind][which].unique().tolist() if pattern.kind in _GROUPS else [],
         "of": len(which),
-        "relative": _relative(freed_error, which),
-        "greatest": float(np.abs(freed_error.error / freed_error.unit)[which].max()),
-        "declared_sds": None if np.isnan(sds).all() else float(np.nanmedian(sds)),
+        "relative": float(np.median(relative)),
+        "greatest": float(np.abs(relative).max()),
+        "declared_sds": None if np.isnan(sds[which]).all() else float(np.nanmedian(sds[which])),
         "structure_left": left,
         "change_K": float(change[0]),
         "change_C": float(change[1]),
@@ -317,22 +412,18 @@ def _account(
     )
 
 
-def _relative(freed_error: Freed, which: np.ndarray) -> float:
-    return float(np.median((freed_error.error / freed_error.unit)[which]))
-
-
-def structure_left(prepared: Prepared, name: str, freed_error: Freed) -> float:
+def structure_left(prepared: Prepared, name: str, estimate: ErrorEstimate) -> float:
     """The score of `bayestissue.inference.checking.model_form` with an error taken as the traces have it."""
     data, offset = with_normal_errors(prepared.data), np.zeros((1, 1))
     record: Any = data.record
     if name == OFFSET:
-        offset = freed_error.error[:, None]
+        offset = estimate.error[:, None]
     elif name == CONTACT:
-        record = record.with_first_time(jnp.maximum(record.first_time - freed_error.error, 0.0))
+        record = record.with_first_time(jnp.maximum(record.first_time - estimate.error, 0.0))
     else:
-        record = record._replace(velocity=jnp.asarray(prepared.signal.velocity + freed_error.error))
+        record = record._replace(velocity=jnp.asarray(prepared.signal.velocity + estimate.error))
     key = jax.random.PRNGKey(0)
-    return float(judged_at(prepared, replace(data, record=record), freed_error.centre, key, offset)["score"])
+    return float(judged_at(prepared, replace(data, record=record), estimate.centre, key, offset)["score"])
 
 
 def in_words(account: dict[str, Any]) -> str:
@@ -348,7 +439,7 @@ def in_words(account: dict[str, Any]) -> str:
         what += "" if single else _said("velocity.one_factor")
     else:
         what = _said("velocities", share=share)
-    alone = kind == incredible.ALL and account["of"] == 1
+    alone = kind == ALL and account["of"] == 1
     named = first_of(account["groups"] or account["impacts"], _MOST_NAMED)
     counts = {"count": len(account["impacts"]), "of": account["of"]}
     sds = account["declared_sds"]
