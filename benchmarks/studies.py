@@ -18,9 +18,8 @@ from evidence.simulations import tables
 import bayestissue as bt
 from bayestissue.base import runtime
 from bayestissue.inference.fit import draws_of_chain, sample
-from bayestissue.inference.quantities.quantity_draws import Draws, quantities
+from bayestissue.inference.quantities.quantity_draws import Draws, predicted, quantities
 from bayestissue.inference.results.labels import design_variables, labelled
-from bayestissue.inference.results.replicates import predicted
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.model.hierarchy.specification import (
     SIDE_BY_SIDE,

@@ -40,10 +40,10 @@ from bayestissue.inference.quantities.impact_quantities import COMMON_DEPTH
 from bayestissue.inference.quantities.quantity_draws import Draws, posterior_draws
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
 from bayestissue.inference.results.labels import labelled
+from bayestissue.inference.results.summary import diagnose, more_would_help
 from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
-from bayestissue.inference.samplers.diagnostics import diagnose, more_would_help
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.model.hierarchy import derived

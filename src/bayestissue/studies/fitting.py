@@ -23,7 +23,7 @@ from bayestissue.base.settings import read_text
 from bayestissue.base.words import Words
 from bayestissue.inference.answers.reliability import agreement
 from bayestissue.inference.chain.results import ChainEnd
-from bayestissue.inference.checking import another_element, model_form
+from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.findings import (
     doubts_in_words,
     headline,
@@ -162,7 +162,7 @@ def fit_job(
     run = continue_from if isinstance(continue_from, Fit | None) else read_run(continue_from)
     if run is not None and (told := run.diagnostics.get("another_element")):
         # The earlier run was led to another element: this one goes on with that.
-        specification = another_element.stiffening_by(specification, told["formula"]) or specification
+        specification = model_form.stiffening_by(specification, told["formula"]) or specification
     if skip_short:
         dataset = without_short(dataset, specification, source)
     dataset, prepared = prepare_without_phantoms(dataset, specification, source=source)
@@ -440,8 +440,8 @@ class FitJob:
     def _another_element(self, form: dict[str, Any], took: str) -> tuple[FitJob, TraceAnalysis] | None:
         """The fit of a spring that stiffens; None where nothing speaks for it, or it explains less."""
         names = self.prepared.impacts["impact"].astype(str).to_numpy()
-        told = another_element.instead(form, names, self.prepared.design.recorded)
-        stiffens = another_element.stiffening_by(self.specification, told["formula"]) if told else None
+        told = model_form.instead(form, names, self.prepared.design.recorded)
+        stiffens = model_form.stiffening_by(self.specification, told["formula"]) if told else None
         if stiffens is None:
             return None
         words = f"a stiffening spring is tried, by {told['formula']}"
@@ -453,7 +453,7 @@ class FitJob:
         of_spring = replace(of_spring, reference=self.prepared.reference)
         job = replace(self._again("a stiffening spring", of_spring), specification=stiffens)
         second = job._sampled(None)
-        return (job, _with_element(second, told)) if another_element.explains(second.diagnostics) else None
+        return (job, _with_element(second, told)) if model_form.explains(second.diagnostics) else None
 
     def _of_recordings(
         self, analysis: TraceAnalysis, flags: list[list[Coded]], chain: dict[str, Any]

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from bayestissue.base.resources import shared
-from bayestissue.inference.checking import another_element
+from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.findings import Finding
 from bayestissue.model.hierarchy.recorded import Recorded
 from bayestissue.model.hierarchy.specification import read_specification
@@ -27,25 +27,25 @@ def form(**of_pads: float) -> dict:
 
 
 def test_where_the_law_fails_at_some_levels_the_depth_is_by_these() -> None:
-    told = another_element.instead(form(C=1e-6), NAMES, recorded())
+    told = model_form.instead(form(C=1e-6), NAMES, recorded())
     assert told["formula"] == "pad"
     assert (told["instead_of"], told["score_without"]) == ("kelvin_voigt", 31.4)
     assert "a linear spring does not describe pad C (31.4 standard" in told["words"]
     model = read_specification(shared("models", "impact.toml"))
-    stiffens = another_element.stiffening_by(model, told["formula"])
+    stiffens = model_form.stiffening_by(model, told["formula"])
     assert stiffens is not None
     assert stiffens.element == "stiffening"
     assert stiffens.formula.further == ("stiffening_depth_m",)
     assert stiffens.formula.K is None
     assert stiffens.priors.intercept.K == model.priors.intercept.K
-    assert another_element.stiffening_by(read_specification(shared("models", "wall.toml")), "pad") is None
+    assert model_form.stiffening_by(read_specification(shared("models", "wall.toml")), "pad") is None
 
 
 @pytest.mark.parametrize(
     ("fails", "formula"), [({}, "pad"), ({"A": 0.0, "B": 0.0, "C": 0.0}, "pad"), ({"C": 0.0}, "1")]
 )
 def test_nothing_is_tried_where_it_fails_nowhere_or_everywhere_or_no_formula_has_levels(fails, formula):
-    assert another_element.instead(form(**fails), NAMES, recorded(formula)) == {}
+    assert model_form.instead(form(**fails), NAMES, recorded(formula)) == {}
 
 
 @pytest.mark.parametrize(
@@ -60,4 +60,4 @@ def test_nothing_is_tried_where_it_fails_nowhere_or_everywhere_or_no_formula_has
 )
 def test_a_spring_that_leaves_doubt_is_not_taken(changed: dict, explains: bool) -> None:
     sound = {"passed": True, "model_form": {"structured": False}, "pooled_parameters": []}
-    assert another_element.explains(sound | changed) == explains
+    assert model_form.explains(sound | changed) == explains

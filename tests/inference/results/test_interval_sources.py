@@ -19,8 +19,7 @@ from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.results import uncertainty_budget as sources
-from bayestissue.inference.results.error_sources import trace_errors
-from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
+from bayestissue.inference.results.uncertainty_budget import trace_errors, uncertainty_budget
 from bayestissue.model.hierarchy.specification import read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.model.hierarchy.trace_models import (

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from bayestissue.base.results.files import write_tree
-from bayestissue.inference.results.replicates import rounded
+from bayestissue.inference.quantities.quantity_draws import rounded
 
 DRAWS, SAMPLES = 100, 200
 NOISE = np.array([3e-4, 0.3])

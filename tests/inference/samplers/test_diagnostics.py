@@ -17,8 +17,7 @@ from bayestissue.inference.checking.findings import (
     warnings,
 )
 from bayestissue.inference.checking.model_form import marked_rows, stated
-from bayestissue.inference.results.summary import summarise
-from bayestissue.inference.samplers.diagnostics import UNSETTLED, diagnose
+from bayestissue.inference.results.summary import UNSETTLED, diagnose, summarise
 
 CHAINS, DRAWS = 4, 1000
 

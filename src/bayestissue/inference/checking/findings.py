@@ -15,7 +15,7 @@ import pandas as pd
 
 from bayestissue.base.errors import Coded
 from bayestissue.base.remedies import Code, headlines
-from bayestissue.inference.samplers.diagnostics import UNSETTLED, names_of_rows
+from bayestissue.inference.results.summary import UNSETTLED, names_of_rows
 
 # Notes of a summary's rows.
 NO_INTERVAL = Coded.stated("undescribed")

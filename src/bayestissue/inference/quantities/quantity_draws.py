@@ -1,8 +1,13 @@
-"""From draws of hyperparameters, effects and impacts to all quantities, of posterior and prior alike."""
+"""From draws of hyperparameters, effects and impacts to all quantities, of posterior and prior alike.
+
+Also by how much declared masses are wrong in each draw (one by one, several together, or all by one factor),
+and replicates of every trace.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -15,33 +20,37 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
-from bayestissue.base.arrays import JaxPerImpact, JaxPerParameter
+from bayestissue.base.arrays import JaxPerImpact, JaxPerParameter, JaxPerSample, PerDraw
 from bayestissue.base.outcomes import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.base.padding import padded_impacts, padded_rows
 from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly, padded
-from bayestissue.inference.execution.kept import all_kept
+from bayestissue.inference.execution.kept import all_kept, some_impacts
 from bayestissue.inference.quantities.impact_quantities import (
     NAMES,
     Impacts,
     impact_quantities,
     named_quantities,
 )
-from bayestissue.inference.quantities.mass_errors import (
-    DRAWS,
-    GAIN_FACTOR,
-    MASS_FACTOR,
-    common_log_factor,
-    declared_common_sd,
-    mass_errors,
-    with_common_factor,
-)
+from bayestissue.inference.samplers.sampling import flat, in_chains
 from bayestissue.model.hierarchy import derived
-from bayestissue.model.hierarchy.population import Population, force_ratio, shared_mass_errors
-from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.trace_models import TraceData, TraceModel, impacts_model
+from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected
+from bayestissue.model.hierarchy.population import Population, force_ratio, heavier, shared_mass_errors
+from bayestissue.model.hierarchy.trace_data import Prepared, in_proportion_to_mass
+from bayestissue.model.hierarchy.trace_models import TraceData, TraceModel, impacts_model, trace_likelihood
 
 PRIOR_DRAWS = 1000
+# Draws of one call.
+DRAWS = 256
+# What all declared masses are to be multiplied by.
+MASS_FACTOR = "mass_factor"
+# What a force's sensor shows of the true force, over what the accelerometer shows of the true deceleration.
+GAIN_FACTOR = "gain_factor"
+PREDICTIVE_DRAWS, PRIOR_PREDICTIVE_DRAWS = 100, 50
+# Steps of a replicate, in what its noise differs by from sample to sample: they add 1e-5 to its variance.
+_STEPS = 64
+# Below every digit of a double: nothing is rounded.
+_NO_NOISE = 2.0**-80
 # Of the rows of a block and its impacts' parameters: the errors of log mass, and a key of each draw.
 ErrorsAndKeys = Callable[[np.ndarray, np.ndarray], tuple[Any, Any]]
 
@@ -229,3 +238,122 @@ def _drawn_from_prior(
     drawn = bare(key)
     nuisance = [drawn.pop(name)[..., None] for name in model.nuisance]
     return drawn, jnp.concatenate([drawn.pop("log_K_and_C"), *nuisance], axis=-1)
+
+
+def common_log_factor(prepared: Prepared, population: Population, key: Array) -> PerDraw | None:
+    """Log of what all masses are to be multiplied by, K and C with them; None where each errs by itself.
+
+    A force beside the deceleration tells it, or phantoms of known stiffness, or it is as declared.
+    """
+    force, reference = prepared.force, prepared.reference
+    if declared_common_sd(prepared) is None:
+        return None
+    standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), population.b.shape[:2]))
+    if force is not None:
+        return force.log_mass_factor(population.b[..., force_ratio(prepared.model.locations)], standard)
+    if reference is not None:
+        return reference.log_mean + reference.log_sd * standard
+    return prepared.common_mass_sd * standard
+
+
+def with_common_factor(
+    prepared: Prepared,
+    b: Float[np.ndarray, "chain draw location"],
+    log_factor: PerDraw,
+    log_gain: PerDraw | None,
+) -> tuple[Float[np.ndarray, "chain draw location"], dict[str, np.ndarray]]:
+    """Effects at masses that are greater by a factor, and the factors by their names.
+
+    K, C and any mass of the element go with all masses; both gains have one where a force is recorded.
+    """
+    factors = {MASS_FACTOR: np.exp(log_factor)}
+    if log_gain is not None:
+        factors[GAIN_FACTOR] = np.exp(log_gain)
+    model = prepared.model
+    return heavier(model.locations, b, log_factor, in_proportion_to_mass(model.element)), factors
+
+
+def declared_common_sd(prepared: Prepared) -> float | None:
+    """Of the log of a factor that all masses have in common, as declared; None where each errs by itself."""
+    known = prepared.force or prepared.reference
+    return (prepared.common_mass_sd or None) if known is None else known.mass_sd
+
+
+@by_row(DRAWS, constant=2, axes=2)
+def mass_errors(
+    model: TraceModel, design: PopulationDesign, population: Population, u: JaxPerParameter, key: Array
+) -> JaxPerImpact:
+    """The error of every impact's log mass."""
+    if model.locations.of_shared_masses:
+        return shared_mass_errors(model.locations, design, population.b)
+    covariances = model.covariances(population.hyperparameters)
+    pair = [entry - model.log_mass_sd**2 for entry in covariances.pair]
+    return error_given(model.log_mass_sd**2, pair, u.T - expected(design, population.b), key)
+
+
+def error_given(
+    variance: Any, pair: Sequence[Any], deviation: Sequence[Any] | Array, key: Array
+) -> Float[Array, " one"]:
+    """A draw of the error e of the log mass, N(0, v), given log K - e and log C - e: all that is seen.
+
+    With the covariance (KK, KC, CC) of log K and log C its mean is -v ((CC - KC) f_K + (KK - KC) f_C) / d and
+    its variance v (KK CC - KC^2) / d, where d = KK CC - KC^2 + v (KK + CC - 2 KC).
+
+    Args:
+        variance: v.
+        pair: the covariance without the error.
+        deviation: f, log K - e and log C - e less their means.
+        key: of the draw.
+    """
+    kk, kc, cc = pair
+    determinant = jnp.maximum(kk * cc - kc**2, 0.0)
+    over = variance / (determinant + variance * (kk + cc - 2 * kc))
+    mean = -over * ((cc - kc) * deviation[0] + (kk - kc) * deviation[1])
+    return mean + jnp.sqrt(over * determinant) * jax.random.normal(key, mean.shape)
+
+
+def predicted(prepared: Prepared, draws: Draws, seed: int) -> dict[str, np.ndarray]:
+    """About a hundred replicates of every trace, as what the likelihood is of."""
+    u = draws.impacts["parameters"]
+    u = u[:, :, some_impacts(u.shape[2])].astype(float)
+    chains, length = u.shape[:2]
+    u = u[:, :: max(1, chains * length // PREDICTIVE_DRAWS)]
+    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), chains * u.shape[1])
+    replicated = replicates(prepared.model, prepared.data, flat(u), keys)
+    return in_chains({name: rounded(v) for name, v in replicated.items()}, u.shape[:2])
+
+
+def rounded(replicates: Float[np.ndarray, "draw impact sample"]) -> Float[np.ndarray, "draw impact sample"]:
+    """The same in steps that are powers of two and far below the noise, which a file packs well."""
+    with warnings.catch_warnings():
+        # Of a trace of NaN alone.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        noise = np.nanmedian(np.std(np.diff(replicates, 2), axis=0), axis=-1, keepdims=True)
+    step = np.exp2(np.floor(np.log2(np.where(noise > 0, noise, _NO_NOISE) / _STEPS)))
+    return (np.round(replicates / step) * step).astype(np.float32)
+
+
+def replicates(
+    model: TraceModel, data: TraceData, u: Float[np.ndarray, "draw impact parameter"], keys: Array
+) -> dict[str, Float[np.ndarray, "draw impact sample"]]:
+    """A replicate of every trace for each draw of ``u``, as what the likelihood is of.
+
+    That is the deceleration, and a force beside it; of a likelihood of displacements these, and the
+    decelerations that follow.
+    """
+    samples = data.record.traces.shape[1]
+    force = getattr(data.record, "force", None)
+    ends = {} if force is None else {"force": force.y.shape[1]}
+    replicated = _replicates(model, data, u, keys)
+    return {name: values[..., : ends.get(name, samples)] for name, values in replicated.items()}
+
+
+@padded(1, None)
+@by_row(PREDICTIVE_DRAWS, constant=2)
+def _replicates(
+    model: TraceModel, data: TraceData, u: JaxPerParameter, key: Array
+) -> dict[str, JaxPerSample]:
+    """The same with as many samples as a `bayestissue.base.padding.bucket` holds."""
+    replicate = trace_likelihood(model, data, list(u.T)).replicate(key)
+    # Else the noise is made anew for every part of the row that is written: three times as long.
+    return jax.lax.optimization_barrier(replicate)

@@ -1,16 +1,23 @@
-"""Posterior summary: moments, quantiles and convergence diagnostics of every quantity, a row each."""
+"""Posterior summary: moments, quantiles and convergence diagnostics of every quantity, a row each.
+
+Also whether the draws can be trusted: each check has a limit, a meaning and a next step; together a verdict.
+"""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.base.errors import Coded
+from bayestissue.base.remedies import sentence
 from bayestissue.base.results.tables import columns_of
-from bayestissue.inference.samplers.convergence import convergence, elements_of
+from bayestissue.inference.samplers.convergence import convergence, elements_of, let_pass
 from bayestissue.inference.samplers.sampling import quantiles
 
 QUANTILES = {"eti50_low": 0.25, "eti50_high": 0.75, "eti90_low": 0.05, "eti90_high": 0.95, "median": 0.5}
@@ -84,3 +91,110 @@ def prior_overlap(posterior: Float[np.ndarray, "*draw"], prior: Float[np.ndarray
         for draws in (posterior, prior)
     )
     return float(np.minimum(*shares).sum())
+
+
+R_HAT_LIMIT = 1.01
+ESS_LIMIT = 400
+# A note of a summary's row.
+UNSETTLED = Coded.stated("r-hat")
+
+
+def diagnose(
+    summary: pd.DataFrame,
+    r_hat_limit: float = R_HAT_LIMIT,
+    of_impacts: Collection[str] = (),
+    unasked: Collection[str] = (),
+) -> dict[str, Any]:
+    """The verdict on a run, as it is written to ``diagnostics.json``.
+
+    R̂ and bulk and tail effective sample sizes are rank-normalised (Vehtari et al. 2021,
+    doi:10.1214/20-BA1221), the worst over every reported quantity.
+
+    Args:
+        summary: as `summarise` makes it; what it leaves open is not judged.
+        r_hat_limit: what the greatest R-hat is to be below.
+        of_impacts: the variables of single impacts, which fail no fit as far as `let_pass` has it: what of
+            them is beyond a limit is not judged.
+        unasked: those that follow from others and that nobody asked for, which fail none either.
+
+    Returns:
+        ``passed``, ``checks``, ``worst`` by statistic, and ``cause``: what the chains lack most of, in words;
+        where there are some, what is ``unsettled`` and not judged.
+    """
+    sizes = summary[["ess_bulk", "ess_tail"]].min(axis=1)
+    beyond = (summary["r_hat"] >= r_hat_limit) | (sizes <= ESS_LIMIT)
+    single = summary["variable"].isin(list(of_impacts))
+    passes = summary["variable"].isin(list(unasked))
+    passes[single] |= let_pass(summary.loc[single, "r_hat"].to_numpy(float))
+    unsettled = beyond & passes
+    not_judged = names_of_rows(summary[unsettled]).tolist()
+    summary = summary[~unsettled]
+    worst = {column: _worst(summary, column) for column in ("r_hat", "ess_bulk", "ess_tail")}
+    checks = [
+        _check("r-hat", limit=r_hat_limit, **worst["r_hat"]),
+        _check("effective-sample-size.bulk", limit=ESS_LIMIT, **worst["ess_bulk"]),
+        _check("effective-sample-size.tail", limit=ESS_LIMIT, **worst["ess_tail"]),
+    ]
+    passed = all(check["passed"] for check in checks)
+    return {
+        "passed": passed,
+        "checks": checks,
+        "worst": worst,
+        "cause": "" if passed else _cause(summary, r_hat_limit, of_impacts),
+        **({"unsettled": not_judged} if not_judged else {}),
+    }
+
+
+def more_would_help(diagnostics: dict[str, Any], *, thinned: bool, effective: int) -> bool:
+    """Whether a check fails that a longer run passes.
+
+    Args:
+        diagnostics: of `diagnose`.
+        thinned: whether not all draws were kept, to whose number effective sizes are then bound.
+        effective: how many effective draws were asked for; of fewer than the verdict wants, no more are made.
+    """
+    failed = {check["code"] for check in diagnostics["checks"] if not check["passed"]}
+    return "r-hat" in failed or (bool(failed) and not thinned and effective >= ESS_LIMIT)
+
+
+def _check(key: str, value: float, limit: float, **numbers: object) -> dict[str, Any]:
+    """One diagnostic of a run, passed where its value is on the side of the limit that its texts name.
+
+    Args:
+        key: of the texts: the code of the warning where it fails, and which check it is of several.
+        value: of the diagnostic.
+        limit: which it is to be below or above.
+        **numbers: by their names in the texts.
+    """
+    texts = ("name", "limit", "meaning", "next_step")
+    words = {text: sentence(f"{key}.{text}", limit=limit, **numbers) for text in texts}
+    passed = value < limit if words["limit"].startswith("below") else value > limit
+    return {"value": value, "passed": bool(passed), **words, "code": key.partition(".")[0]}
+
+
+def _cause(summary: pd.DataFrame, r_hat_limit: float, of_impacts: Collection[str]) -> str:
+    """The quantity whose chains lack most, in a sentence, and what to do about it in another."""
+    size = summary[["ess_bulk", "ess_tail"]].to_numpy(float).min(axis=1)
+    of_r_hat = (summary["r_hat"].to_numpy(float) - 1) / (r_hat_limit - 1)
+    at = int(np.nanargmax(np.fmax(of_r_hat, ESS_LIMIT / size)))
+    row = summary.iloc[at]
+    return sentence(
+        f"r-hat.cause.{'impact' if row['variable'] in of_impacts else 'population'}",
+        impact=row["label"],
+        variable=names_of_rows(summary).iloc[at],
+        r_hat=row["r_hat"],
+        effective=size[at],
+    )
+
+
+def _worst(summary: pd.DataFrame, column: str) -> dict[str, Any]:
+    """The greatest R-hat, or the least sample size, and the variable that has it."""
+    values = summary[column].to_numpy(float)
+    at = int(np.nanargmax(values) if column == "r_hat" else np.nanargmin(values))
+    return {"variable": names_of_rows(summary).iloc[at], "value": float(values[at])}
+
+
+def names_of_rows(summary: pd.DataFrame) -> pd.Series:
+    """Each row of the summary in words, such as "K of impact_7"."""
+    variable, label = summary["variable"].astype(str), summary["label"].astype(str)
+    return variable.where(label == "", variable + " of " + label)

@@ -13,7 +13,14 @@ import xarray as xr
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.quantities.impact_quantities import NAMES
-from bayestissue.inference.quantities.quantity_draws import Draws, prior_draws, quantities
+from bayestissue.inference.quantities.quantity_draws import (
+    PRIOR_PREDICTIVE_DRAWS,
+    Draws,
+    predicted,
+    prior_draws,
+    quantities,
+    replicates,
+)
 from bayestissue.inference.quantities.secants import (
     EXPONENTS,
     comparable_draws,
@@ -25,7 +32,6 @@ from bayestissue.inference.results.labels import (
     labelled,
     variables,
 )
-from bayestissue.inference.results.replicates import PRIOR_PREDICTIVE_DRAWS, predicted, replicates
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.elements.head_injury import HEADFORM
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of

@@ -4,13 +4,18 @@ The sources are noise, measuring chain, mass, element, people, conditions and im
 the log scale once the standard deviations are given. A posterior variance V is then homogeneous of degree one
 in the variances v_s that make it, so that V = sum_s v_s dV/dv_s: what each source makes, by the derivative,
 adds up to the whole, and is what a small change of that source alone would change. Of an impact this takes N
-and its parts of `bayestissue.inference.results.error_sources`; of the population's means, those of all
-impacts.
+and its parts, of the population's means those of all impacts.
+
+N is the Laplace covariance of an impact's parameters given its trace alone: N = P^-1 with the expected
+information P = J' W J of u, J being what a unit of each parameter adds to the trace in units of its noise,
+W = (1 + A A')^-1, and A what one standard deviation of each error adds. An estimate is off by
+N J' W (A e + noise): error a has the part v_a v_a' of N with v_a = N J' W A_a, which is dN / d log s_a^2, and
+the noise has what is left.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -20,16 +25,11 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.arrays import JaxPerParameter, PerParameter
 from bayestissue.base.results.tables import joined, table_of_rows
-from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.inference.execution.kept import some_of
-from bayestissue.inference.quantities.mass_errors import MASS_FACTOR
-from bayestissue.inference.quantities.quantity_draws import Draws
-from bayestissue.inference.results.error_sources import (
-    ELEMENT,
-    NOISE,
-    trace_errors,
-)
+from bayestissue.inference.quantities.quantity_draws import MASS_FACTOR, Draws
 from bayestissue.model.hierarchy.derived import typical_covariates, typical_logs
 from bayestissue.model.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
@@ -37,11 +37,25 @@ from bayestissue.model.hierarchy.gaussian.effects import Covariances
 from bayestissue.model.hierarchy.population import MASS_ERROR, Hyperparameters
 from bayestissue.model.hierarchy.responses import RESPONSES, intercept
 from bayestissue.model.hierarchy.trace_data import Prepared
-from bayestissue.model.hierarchy.trace_models import GAIN, TraceModel
+from bayestissue.model.hierarchy.trace_models import (
+    GAIN,
+    TraceData,
+    TraceModel,
+    impact_likelihood,
+    trace_likelihood,
+    with_contact_at,
+)
+from bayestissue.model.likelihood.channels import whitened
 
 # By source, its part of the variances of log K and log C.
 type Account = Mapping[str, Float[np.ndarray, "*impact response"]]
 
+# By source of error, what it adds to N: they add up to that.
+Parts = dict[str, Float[np.ndarray, "impact parameter parameter"]]
+
+NOISE, ELEMENT = "noise", "element"
+# What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
+_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "noise_force")
 IMPACT, TYPICAL_PERSON, NEW_PERSON = "impact", "typical person", "new person"
 TRACE = "trace alone"
 MASS, SHAPE = "mass", "element's parameters"
@@ -321,3 +335,62 @@ def measurement_sd(budget: pd.DataFrame, response: str) -> float:
     """Standard deviation of the log of K or C of the median impact, given its trace alone."""
     rows = (budget["level"] == TRACE) & (budget["quantity"] == response) & (budget["source"] == ALL)
     return float(budget.loc[rows, "sd"].iloc[0])
+
+
+def trace_errors(
+    prepared: Prepared, u: PerParameter, ridge: Float[np.ndarray, "parameter parameter"]
+) -> Parts:
+    """The parts of N.
+
+    Args:
+        prepared: the model and its data. A uniform error counts as a normal one of its standard deviation.
+        u: where the likelihoods are expanded.
+        ridge: a small precision, for parameters of which a trace says nothing.
+    """
+    slopes, shared = _over_noise(prepared.model, prepared.data, u)
+    links = list(prepared.data.record.errors.values())
+    of_noise = [0.0, 0.0, *(float(name in _OF_NOISE) for name in prepared.model.nuisance)]
+    ridge = ridge + np.diag(of_noise)
+    modes = shared.shape[1] - len(links)
+    sources = [*links, *[ELEMENT] * modes]
+    return by_source(slopes, np.roll(shared, -modes, axis=1), sources, ridge)
+
+
+@padded(0)
+@compiled_quickly
+def _over_noise(
+    model: TraceModel, data: TraceData, u: JaxPerParameter
+) -> tuple[Float[Array, "impact parameter shock"], Float[Array, "impact error shock"]]:
+    """J and A, contact being where the traces have it."""
+    if model.kind == "impact":
+        stated = impact_likelihood(model, data, list(u.T))
+        data = with_contact_at(data, stated, stated.mean_first_time())
+
+    white = whitened(lambda u: trace_likelihood(model, data, list(u.T)), u)
+    return white.slopes, white.shared
+
+
+def by_source(
+    slopes: Float[np.ndarray, "impact parameter shock"],
+    shared: Float[np.ndarray, "impact error shock"],
+    sources: Sequence[str],
+    ridge: Float[np.ndarray, "parameter parameter"] | float = 0.0,
+) -> Parts:
+    """The parts of N from J and A, whose columns have these sources; without those that have no error."""
+    # J' W J = r' r, r being what least squares by A, an error costing its square, leave of J: no difference
+    # of large numbers where errors are far above the noise.
+    impacts, parameters, count = *slopes.shape[:2], shared.shape[1]
+    errors = np.concatenate([shared.mT, np.broadcast_to(np.eye(count), (impacts, count, count))], axis=1)
+    target = np.concatenate([slopes.mT, np.zeros((impacts, count, parameters))], axis=1)
+    basis, triangle = np.linalg.qr(errors)
+    along = basis.mT @ target
+    gain, left = np.linalg.solve(triangle, along).mT, target - basis @ along
+    covariance = np.linalg.inv(left.mT @ left + ridge)
+    moved = covariance @ gain
+    parts: Parts = {}
+    for number, source in enumerate(sources):
+        if shared[:, number].any():
+            part = moved[:, :, None, number] * moved[:, None, :, number]
+            parts[source] = parts.get(source, 0.0) + part
+    others = sum(parts.values(), np.zeros_like(covariance))
+    return {NOISE: covariance - others, **parts}

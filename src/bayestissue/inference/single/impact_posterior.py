@@ -37,8 +37,7 @@ from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.factors.sites import POINTS as AT_ONCE
 from bayestissue.inference.factors.sites import laplace_sites, log_likelihoods
-from bayestissue.inference.quantities.mass_errors import DRAWS
-from bayestissue.inference.quantities.quantity_draws import recorded_outcomes
+from bayestissue.inference.quantities.quantity_draws import DRAWS, recorded_outcomes
 from bayestissue.inference.samplers.sampling import (
     k_threshold,
     pareto_smoothed,

@@ -25,7 +25,7 @@ from scipy.integrate import cumulative_trapezoid
 from bayestissue.inference.chain.chain_settings import TOGETHER
 from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.execution.kept import evenly_spaced, some_of
-from bayestissue.inference.results.replicates import replicates
+from bayestissue.inference.quantities.quantity_draws import replicates
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.population import Population
 from bayestissue.model.hierarchy.trace_data import Prepared

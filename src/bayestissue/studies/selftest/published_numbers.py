@@ -22,7 +22,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.base.declarations import declared
-from bayestissue.inference.results.error_sources import NOISE, by_source
+from bayestissue.inference.results.uncertainty_budget import NOISE, by_source
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.element import Collision
 from bayestissue.mechanics.elements.linear import transition

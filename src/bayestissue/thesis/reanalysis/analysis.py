@@ -25,8 +25,7 @@ from bayestissue.inference.results.labels import (
     labelled,
     variables,
 )
-from bayestissue.inference.results.summary import summarise
-from bayestissue.inference.samplers.diagnostics import diagnose
+from bayestissue.inference.results.summary import diagnose, summarise
 from bayestissue.model.hierarchy import derived
 from bayestissue.model.hierarchy.derived import effects_by_name
 from bayestissue.model.hierarchy.design import Design
