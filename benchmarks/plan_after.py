@@ -31,8 +31,8 @@ from plan_assurance import tissue_of
 
 import bayestissue as bt
 from bayestissue.base import runtime
+from bayestissue.inference.answers.evaluation import draws_of
 from bayestissue.inference.answers.grammar import parse
-from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.study import Study as Asked
 from bayestissue.model.hierarchy.trace_data import prepare
 from bayestissue.recordings.dataset.model import Dataset

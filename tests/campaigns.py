@@ -114,7 +114,7 @@ def held(found: Any, truth: pd.DataFrame, name: str) -> np.ndarray:
     elif isinstance(found, Mapping):
         low, high = np.quantile(found[name], [0.05, 0.95], axis=(0, 1))
     else:
-        low, high = getattr(found, name).low, getattr(found, name).high
+        low, high = (found.quantities[name][end] for end in ("low", "high"))
     true = truth[column].to_numpy()
     return np.asarray((low <= true) & (true <= high))
 

@@ -11,9 +11,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue.base.errors import InputError
+from bayestissue.inference.answers.evaluation import draws_of
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.law import NO_LAW, Law, moving, unfit_height
-from bayestissue.inference.answers.meaning import beyond_notes, draws_of
+from bayestissue.inference.answers.meaning import beyond_notes
 from bayestissue.inference.answers.predictions import predict, read_conditions
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study, described_impacts

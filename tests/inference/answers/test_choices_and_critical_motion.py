@@ -11,9 +11,9 @@ from scipy.stats import rankdata
 
 from bayestissue.base.errors import InputError
 from bayestissue.commands.finished_runs import ask as help_of_ask
+from bayestissue.inference.answers.evaluation import draws_of
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.law import Law
-from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study
 from bayestissue.mechanics.elements import outcomes

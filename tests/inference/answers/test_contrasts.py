@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 
 from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.answers.contrasts import ALL
+from bayestissue.inference.answers.evaluation import draws_of as draws_at
 from bayestissue.inference.answers.grammar import parse
-from bayestissue.inference.answers.meaning import draws_of as draws_at
 from bayestissue.inference.answers.meaning import mistakes
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE

@@ -9,6 +9,7 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bayestissue.inference.answers.evaluation import draws_of
 from bayestissue.inference.answers.grammar import (
     DEEPEST,
     LONGEST,
@@ -19,7 +20,6 @@ from bayestissue.inference.answers.grammar import (
     QuestionError,
     parse,
 )
-from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.study import Study
 from bayestissue.model.hierarchy.recorded import Recorded
 from cases import cases

@@ -16,9 +16,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue.inference.answers.contrasts import ALL, INTERACTION, contrasts_of
+from bayestissue.inference.answers.evaluation import draws_of
 from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.law import Law
-from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ask, numbered
 from bayestissue.inference.answers.study import Study

@@ -86,8 +86,8 @@ def test_medians_and_intervals_are_those_of_direct_integration() -> None:
     alone = specification.model_copy(update={"formula": Formulas(K="1", C="1")})
     case = prepare(recorded(0.02).select(slice(1)), alone, source="test")
     found = single_posteriors(case)
-    reach = [*(6 * np.log1p(one.sd[0] / one.median[0]) for one in (found.K, found.C)), 0.7, 2.0]
+    of_tissue = (found.quantities[name] for name in "KC")
+    reach = [*(6 * np.log1p(one["sd"][0] / one["median"][0]) for one in of_tissue), 0.7, 2.0]
     for name, expected in quantiles_by_grid(case, found.parameters[0], reach, 25).items():
-        mine = getattr(found, name)
-        ends = [mine.low[0], mine.median[0], mine.high[0]]
-        np.testing.assert_allclose(ends, expected, atol=0.15 * mine.sd[0])
+        *ends, sd = (found.quantities[name][which][0] for which in ("low", "median", "high", "sd"))
+        np.testing.assert_allclose(ends, expected, atol=0.15 * sd)

@@ -64,18 +64,17 @@ def test_medians_and_intervals_are_those_of_direct_integration(noise):
     """Over a grid of log K, log C and log noise; under noise of a tenth of the peak it is skewed."""
     case = prepared(made(1, {"noise_relative_to_peak": noise, "sampling_rate_hz": 2000}).dataset("one"))
     found = single_posteriors(case)
-    of_tissue = (found.K, found.C)
-    middle = [np.log(one.median[0]) for one in (*of_tissue, found.sigma)]
+    *of_tissue, sigma = (found.quantities[name] for name in ("K", "C", "sigma"))
+    middle = [np.log(one["median"][0]) for one in (*of_tissue, sigma)]
     middle[2] -= np.asarray(case.data.log_peak)[0]
     # Ends so far out that nothing is lost, from the posterior's own figures.
-    reach = [7 * np.log1p(one.sd[0] / one.median[0]) for one in of_tissue]
-    reach.append(7 * found.sigma.sd[0] / found.sigma.median[0])
+    reach = [7 * np.log1p(one["sd"][0] / one["median"][0]) for one in of_tissue]
+    reach.append(7 * sigma["sd"][0] / sigma["median"][0])
     for name, expected in quantiles_by_grid(case, middle, reach, 41).items():
-        mine = getattr(found, name)
-        ends = [mine.low[0], mine.median[0], mine.high[0]]
+        *ends, sd = (found.quantities[name][which][0] for which in ("low", "median", "high", "sd"))
         # Against sixteen times as many points, ends of intervals were off by 0.02 to 0.05 standard deviations
         # (root mean square over 60 impacts).
-        np.testing.assert_allclose(ends, expected, atol=0.1 * mine.sd[0], err_msg=name)
+        np.testing.assert_allclose(ends, expected, atol=0.1 * sd, err_msg=name)
 
 
 def test_intervals_hold_the_truth(campaign: Campaign, table: pd.DataFrame):
@@ -207,9 +206,9 @@ def test_what_the_recording_does_not_tell_is_empty_and_flagged(monkeypatch):
 
     def spoilt(prepared, _say):
         found = real(prepared)
-        wide = found.C._replace(high=np.where(np.arange(FEW) == 1, 11 * found.C.low, found.C.high))
-        lost = found.K._replace(high=np.where(np.arange(FEW) == 2, 11 * found.K.low, found.K.high))
-        return found._replace(C=wide, K=lost, moved=np.arange(FEW) != 3)
+        for name, row in (("C", 1), ("K", 2)):
+            found.quantities[name]["high"][row] = 11 * found.quantities[name]["low"][row]
+        return found._replace(moved=np.arange(FEW) != 3)
 
     assert real(single_estimates.some_of(prepared(data), np.arange(FEW))).moved.all()
     monkeypatch.setattr(single_estimates, "single_posteriors", spoilt)

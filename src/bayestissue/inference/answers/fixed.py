@@ -17,6 +17,7 @@ from jaxtyping import Float
 from scipy.linalg import null_space
 
 from bayestissue.base.declarations import general
+from bayestissue.inference.answers.evaluation import draws_of
 from bayestissue.inference.answers.grammar import (
     Choice,
     Critical,
@@ -29,7 +30,6 @@ from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import Law, Values
 from bayestissue.inference.answers.meaning import (
     alternatives,
-    draws_of,
     is_response,
     responses_of,
 )

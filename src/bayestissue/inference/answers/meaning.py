@@ -11,28 +11,22 @@ from __future__ import annotations
 
 import difflib
 import math
-import operator
 from collections import ChainMap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import reduce
-from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from bayestissue.base.errors import Coded
 from bayestissue.base.outcomes import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.base.outline import first_of
-from bayestissue.inference.answers.critical import ALONG, critical_motion
 from bayestissue.inference.answers.grammar import (
     OF_MANY,
     Choice,
     Critical,
     Level,
     Node,
-    Number,
     Operation,
     Quantity,
     QuestionError,
@@ -46,6 +40,8 @@ from bayestissue.model.hierarchy.levels import NEW
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
 from bayestissue.recordings.dataset.cells import alike, in_whatever_case
 
+# The columns of the motion that a claim may be followed along.
+ALONG = (DROP_HEIGHT, "velocity_m_s")
 _KEEP_UNIT = ("+", "-", "abs", *OF_MANY)
 
 
@@ -362,104 +358,6 @@ def _near(name: str, names: Sequence[str]) -> str:
     small = {one.casefold(): one for one in reversed(names)}
     matches = [small[one] for one in difflib.get_close_matches(name[:100].casefold(), small, n=3, cutoff=0.5)]
     return f"Near: {', '.join(matches)}." if matches else ""
-
-
-_OPERATORS: dict[str, Callable[..., Any]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "^": np.power,
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "and": operator.and_,
-    "or": operator.or_,
-    "not": operator.invert,
-    "between": lambda middle, low, high: (middle >= low) & (middle <= high),
-    "abs": abs,
-    "exp": np.exp,
-    "log": np.log,
-}
-# Whence what is no finite number comes.
-_WHY = {
-    "/": "a division by 0",
-    "log": "the log of 0 or of a negative number",
-    "^": "a root of a negative number",
-}
-_REDUCED: dict[str, Callable[..., Any]] = {"max": np.maximum, "min": np.minimum, "mean": operator.add}
-
-
-def draws_of(node: Node, study: Study) -> xr.DataArray:
-    """True or false, or a number, in each draw: [chain, draw].
-
-    Args:
-        node: a question without mistakes: see `bayestissue.inference.answers.meaning.mistakes`.
-        study: of which, by posterior or prior.
-
-    Raises:
-        KeyError: its draws lack a variable.
-        QuestionError: a number is none in some draws, as the log of a negative one.
-    """
-    node = as_recorded(node, study)
-    with np.errstate(all="ignore"):
-        return _in_each(node, study)
-
-
-def _in_each(node: Node, study: Study) -> xr.DataArray:
-    """The value in each draw, also where it is the same in all."""
-    value = _value(node, study)
-    blank = xr.zeros_like(study.draws[DRAWN[0]] * study.draws[DRAWN[1]])
-    return (value | blank.astype(bool)) if node.claims else value + blank
-
-
-def _value(node: Node, study: Study) -> xr.DataArray:
-    if isinstance(node, Number):
-        return xr.DataArray(node.value)
-    if isinstance(node, Quantity):
-        return _quantity_draws(node, study)
-    if isinstance(node, Critical):
-        return _critical_draws(node, study)
-    values = [_value(operand, study) for operand in node.operands]
-    value = _over_levels(node.symbol, values) if node.symbol in OF_MANY else _OPERATORS[node.symbol](*values)
-    if not node.claims and (wrong := int((~np.isfinite(value)).sum())):
-        what = "no number" if np.isnan(value).any() else "too large a number"
-        where = f"{what} in {wrong} of {value.size} draws"
-        remedy = f"As of {_WHY[node.symbol]}." if node.symbol in _WHY else ""
-        raise QuestionError(node.position, where, "a finite number in every draw", remedy)
-    return value
-
-
-def _critical_draws(node: Critical, study: Study) -> xr.DataArray:
-    if not study.law.anywhere:
-        raise outcomes_in(node, study.recorded)[0].wrong("a run with a law of force", str(NO_LAW))
-    if node.column == DROP_HEIGHT and not study.law.gravity:
-        expected = "velocity_m_s, since this dataset states no gravity along the motion"
-        raise QuestionError(node.position, DROP_HEIGHT, expected)
-    coords = {name: study.draws[name].to_numpy() for name in DRAWN}
-    return xr.DataArray(critical_motion(node, study, _in_each), coords, DRAWN)
-
-
-def _over_levels(symbol: str, values: list[xr.DataArray]) -> xr.DataArray:
-    """The greatest, least or mean of all values, and of all levels within each."""
-    reduced = [getattr(array, symbol)([d for d in array.dims if d not in DRAWN]) for array in values]
-    total = reduce(_REDUCED[symbol], reduced)
-    return total / len(reduced) if symbol == "mean" else total
-
-
-def _quantity_draws(quantity: Quantity, study: Study) -> xr.DataArray:
-    if not is_response(quantity, study.recorded):
-        array = study.draws[quantity.name]
-        labels = {column: array[column].astype(str) for column in quantity.given}
-        return array.assign_coords(labels).sel(quantity.given).reset_coords(drop=True)
-    conditions = conditions_of(quantity, study.recorded)
-    if quantity.name in OUTCOMES:
-        require_motions(quantity, study, conditions)
-    values = study.at([quantity.name], conditions)[quantity.name]
-    if not quantity.free:
-        return values.isel(condition=0)
-    return values.rename(condition=quantity.free[0].column).assign_coords(open_levels(quantity, study))
 
 
 def require_motions(quantity: Quantity, study: Study, conditions: Sequence[Condition]) -> None:

@@ -29,6 +29,7 @@ from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.base.outcomes import OUTCOMES
 from bayestissue.base.results.tables import table_of_rows
+from bayestissue.inference.answers.evaluation import draws_of
 from bayestissue.inference.answers.fixed import fixed_parts
 from bayestissue.inference.answers.grammar import (
     ALLOWED,
@@ -48,7 +49,6 @@ from bayestissue.inference.answers.meaning import (
     beyond_notes,
     condition_of,
     conditions_of,
-    draws_of,
     is_response,
     mistakes,
     outcomes_in,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from bayestissue.base.arrays import MaskPerImpact
+from bayestissue.base.arrays import MaskPerImpact, PerImpact
 from bayestissue.base.errors import Coded, InputError
 from bayestissue.base.outcomes import DECLARED, INTERVAL_COLUMNS
 from bayestissue.base.resources import shared
@@ -150,58 +150,60 @@ class _Estimated:
     def noiseless(self) -> MaskPerImpact:
         """Whether the noise is no more than what the likelihood itself leaves out."""
         least_noise = _LEAST_NOISE[self.prepared.model.kind] * np.exp(np.asarray(self.prepared.data.log_peak))
-        return self.posteriors.sigma.median < least_noise
+        return self.posteriors.quantities["sigma"]["median"] < least_noise
 
     @cached_property
     def untold(self) -> dict[str, MaskPerImpact]:
-        """Where K, or C, is not told: its interval spans a decade, or nothing was found at all."""
+        """Where K, or C, is not known: its interval spans a decade, or no mode was found at all.
+
+        Of what follows from either or both likewise, by the names of the oscillator's numbers.
+        """
+        ends = (self.posteriors.quantities[q] for q in ("K", "C"))
         with np.errstate(all="ignore"):
-            told = {"K": self.posteriors.K, "C": self.posteriors.C}
-            wide = {q: ~(one.high < _DECADE * one.low) for q, one in told.items()}
-        return {q: (~self.posteriors.moved | here) & ~self.noiseless for q, here in wide.items()}
+            wide = (~(of_one["high"] < _DECADE * of_one["low"]) for of_one in ends)
+        K, C = ((~self.posteriors.moved | here) & ~self.noiseless for here in wide)
+        of_both = dict.fromkeys(("zeta", "phi1", "phi2", "theta1", "sigma_a"), K | C)
+        return {"K": K, "C": C, "omega_n": K, **of_both}
 
     @cached_property
     def oscillator(self) -> dict[str, np.ndarray]:
         """The medians, and the sampled oscillator of this K and C: without what is not told."""
-        K, C, signal = self.posteriors.K.median, self.posteriors.C.median, self.prepared.signal
+        K, C, sigma = (self.posteriors.quantities[name]["median"] for name in ("K", "C", "sigma"))
+        signal = self.prepared.signal
         omega_n, zeta = (np.asarray(values) for values in spring_damper_inverse(K, C, signal.mass))
         phi1, phi2, theta1 = (np.asarray(values) for values in to_discrete(omega_n, zeta, signal.dt))
         values = {"phi1": phi1, "phi2": phi2, "theta1": theta1, "omega_n": omega_n, "zeta": zeta}
         values |= {"K": K, "C": C}
         if self.prepared.model.kind == "arma":
-            theta1, sigma_a = np.tanh(self.posteriors.parameters[:, 3]), self.posteriors.sigma.median
-            values |= {"theta1": theta1, "sigma_a": sigma_a}
-        return {name: np.where(self._untold(name), np.nan, column) for name, column in values.items()}
-
-    def _untold(self, name: str) -> MaskPerImpact:
-        """Where a number of the oscillator is not told, by its name: K or C, or what follows from both."""
-        K_untold, C_untold = self.untold.values()
-        return {"K": K_untold, "omega_n": K_untold, "C": C_untold}.get(name, K_untold | C_untold)
+            values |= {"theta1": np.tanh(self.posteriors.parameters[:, 3]), "sigma_a": sigma}
+        return {name: np.where(self.untold[name], np.nan, column) for name, column in values.items()}
 
     def further(self) -> dict[str, np.ndarray]:
         """The further columns: intervals, errors, and what the impacts came to."""
-        posteriors, columns = self.posteriors, dict[str, np.ndarray]()
-        bounded = posteriors.moved & ~self.noiseless
-        for column, (name, which) in _OSCILLATOR_COLUMNS.items():
-            values, untold = getattr(getattr(posteriors, name), which), self._untold(name)
+        posteriors, quantities = self.posteriors, self.posteriors.quantities
+
+        def number(name: str, which: str) -> PerImpact:
+            untold, bounded = self.untold.get(name, np.array(False)), posteriors.moved & ~self.noiseless
             # What is not told from below has the upper end of its interval as a bound.
-            values = np.where(untold, 0.0, values) if which == "low" else values
-            known = ~(untold | self.noiseless) if which == "sd" else bounded
-            columns[column] = np.where(known, values, np.nan)
-        if posteriors.noise_p is not None:
-            columns |= dict(zip(_OF_RECORDER, (posteriors.noise_p, posteriors.sigma.median), strict=True))
-        columns["pareto_k"] = posteriors.pareto_k
-        # Of what was not found, and of intervals that are none, there is no outcome either.
-        return columns | {
-            column: np.where(posteriors.moved if which == "median" else bounded, outcome[which], np.nan)
-            for column, (name, which) in INTERVAL_COLUMNS.items()
-            if (outcome := posteriors.outcomes.get(name)) is not None
-        }
+            values = (
+                np.where(untold, 0.0, quantities[name][which]) if which == "low" else quantities[name][which]
+            )
+            # Of what was not found, and of intervals that are none, there is no outcome either.
+            known = {"sd": ~(untold | self.noiseless), "median": posteriors.moved}.get(which, bounded)
+            return np.where(known, values, np.nan)
+
+        of_recorder = (posteriors.noise_p, quantities["sigma"]["median"])
+        return (
+            {column: number(*of) for column, of in _OSCILLATOR_COLUMNS.items()}
+            | ({} if posteriors.noise_p is None else dict(zip(_OF_RECORDER, of_recorder, strict=True)))
+            | {"pareto_k": posteriors.pareto_k}
+            | {column: number(*of) for column, of in INTERVAL_COLUMNS.items() if of[0] in quantities}
+        )
 
     def wrong(self, dataset: Dataset) -> dict[Coded, MaskPerImpact]:
         """What the posteriors say is wrong with each impact of these recordings."""
-        posteriors, noiseless, untold = self.posteriors, self.noiseless, self.untold
-        oscillator, wrong = self.oscillator, {}
+        posteriors, noiseless, oscillator = self.posteriors, self.noiseless, self.oscillator
+        wrong: dict[Coded, MaskPerImpact] = {}
         with np.errstate(invalid="ignore"):
             if posteriors.noise_p is not None:
                 wrong[STRUCTURED] = (posteriors.noise_p < _STRUCTURED_BY_CHANCE) & ~noiseless
@@ -210,12 +212,13 @@ class _Estimated:
         another = another_peak(self.prepared.signal, oscillator["omega_n"], oscillator["zeta"])
         wrong[ANOTHER_PEAK] = another & (dataset.recorder is None)
         wrong[UNCORRECTED] = (posteriors.pareto_k > k_threshold(POINTS)) & ~noiseless
-        if posteriors.outcomes:
-            greatest, jerk = (posteriors.outcomes[name] for name in ("peak_deceleration", "peak_jerk"))
-            missed = missed_peaks(dataset, self.prepared, greatest["low"], greatest["high"], jerk["high"])
+        if greatest := posteriors.quantities.get("peak_deceleration"):
+            jerk = posteriors.quantities["peak_jerk"]["high"]
+            missed = missed_peaks(dataset, self.prepared, greatest["low"], greatest["high"], jerk)
             wrong[PEAK_MISSED] = posteriors.moved & ~noiseless & missed
         impacts = self.prepared.impacts
-        for q, here in untold.items():
+        for q in ("K", "C"):
+            here = self.untold[q]
             rows_of = impacts.assign(untold=here, phantom=of_phantoms(impacts))
             share = rows_of.groupby(["trial", "phantom"])["untold"].transform("mean")
             # The few of a trial that come out above the threshold are those that erred upwards.

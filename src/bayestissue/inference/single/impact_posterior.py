@@ -69,34 +69,16 @@ _CELLS, _REACH = 512, 4.0
 _BESIDES = 2
 
 
-class Marginal(NamedTuple):
-    """The posterior of one quantity of each impact.
-
-    Attributes:
-        median: of the posterior.
-        sd: its standard deviation.
-        low, high: ends of the 90 % interval that leaves out as much probability on either side.
-    """
-
-    median: PerImpact
-    sd: PerImpact
-    low: PerImpact
-    high: PerImpact
-
-
 class SinglePosteriors(NamedTuple):
     """What each trace by itself says of its impact.
 
     Attributes:
-        K: stiffness [N/m].
-        C: damping [N s/m].
-        omega_n: natural frequency [rad/s].
-        zeta: damping ratio.
-        sigma: standard deviation of the recorder's noise [m/s^2], or of a displacement's shocks [m].
-        outcomes: what the impact came to, by the names of
-            `bayestissue.base.outcomes.HEADFORM_OUTCOMES`, of a headform all of them:
-            ``median``, ``low`` and ``high`` as of `Marginal`, and ``never``, the probability of what is
-            infinite; empty of displacements.
+        quantities: of stiffness "K" [N/m], damping "C" [N s/m], natural frequency "omega_n" [rad/s], damping
+            ratio "zeta", and "sigma", the standard deviation of the recorder's noise [m/s^2] or of a
+            displacement's shocks [m]: ``median``, ``low`` and ``high``, the ends of the 90 % interval that
+            leaves out as much probability on either side, and ``sd``. Of what the impact came to, by the
+            names of `bayestissue.base.outcomes.HEADFORM_OUTCOMES`, of a headform all of them,
+            none of displacements: the same, but ``never``, the probability of what is infinite, for ``sd``.
         parameters: medians of log K, log C and the noise's parameters, K and C at the recorded mass.
         residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the
             trace [m/s^2]; 0 past its end; None of displacements.
@@ -107,12 +89,7 @@ class SinglePosteriors(NamedTuple):
             nothing vouches for the medians and intervals.
     """
 
-    K: Marginal
-    C: Marginal
-    omega_n: Marginal
-    zeta: Marginal
-    sigma: Marginal
-    outcomes: dict[str, dict[str, PerImpact]]
+    quantities: dict[str, dict[str, PerImpact]]
     parameters: PerParameter
     residuals: PerSample | None
     noise_p: PerImpact | None
@@ -160,25 +137,20 @@ def _of_block(
     of_mass = np.repeat(model.log_mass_sd * _standard(start.shape[1]).mass_error[:, None], u.shape[1], axis=1)
     by_mass = np.exp(of_mass)
     oscillator = physical(model, data, list(np.moveaxis(u, -1, 0)))
-    middle = np.stack([_marginal(u[..., a], weight).median for a in range(u.shape[-1])], axis=-1)
-    quantities = (
-        np.exp(u[..., 0]) * by_mass,
-        np.exp(u[..., 1]) * by_mass,
-        np.asarray(oscillator.omega_n),
-        np.asarray(oscillator.zeta),
-        np.exp(np.asarray(oscillator.log_sigma)),
-    )
-    K, C, omega_n, zeta, sigma = (_marginal(values, weight) for values in quantities)
+    middle = np.stack([_marginal(u[..., a], weight)["median"] for a in range(u.shape[-1])], axis=-1)
+    drawn = {
+        "K": np.exp(u[..., 0]) * by_mass,
+        "C": np.exp(u[..., 1]) * by_mass,
+        "omega_n": np.asarray(oscillator.omega_n),
+        "zeta": np.asarray(oscillator.zeta),
+        "sigma": np.exp(np.asarray(oscillator.log_sigma)),
+    }
+    quantities = {name: _marginal(values, weight) for name, values in drawn.items()}
     # The mass's error, as likely up as down, moves no median.
-    K, C = (marginal._replace(median=np.exp(middle[:, a])) for a, marginal in enumerate((K, C)))
+    quantities["K"]["median"], quantities["C"]["median"] = np.exp(middle[:, :2]).T
     recorded = model.kind == "impact"
     return SinglePosteriors(
-        K,
-        C,
-        omega_n,
-        zeta,
-        sigma,
-        _outcomes(model, data, u, of_mass, weight) if recorded else {},
+        quantities | (_outcomes(model, data, u, of_mass, weight) if recorded else {}),
         middle,
         _residuals(model, data, middle)[:, : data.record.traces.shape[1]] if recorded else None,
         noise_p(model, data, middle) if recorded else None,
@@ -352,11 +324,12 @@ def _outcomes(
 
 def _marginal(
     values: Float[np.ndarray, "point impact"], weight: Float[np.ndarray, "point impact"]
-) -> Marginal:
+) -> dict[str, PerImpact]:
     """Weighted quantiles and standard deviation."""
     low, median, high = weighted_quantiles(values.T, weight.T, (0.05, 0.5, 0.95))
     mean = (weight * values).sum(0)
-    return Marginal(median, np.sqrt((weight * (values - mean) ** 2).sum(0)), low, high)
+    sd = np.sqrt((weight * (values - mean) ** 2).sum(0))
+    return {"median": median, "low": low, "high": high, "sd": sd}
 
 
 @padded(0)

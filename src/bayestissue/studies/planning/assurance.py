@@ -21,9 +21,9 @@ from jaxtyping import Bool, Float
 from bayestissue.base.outcomes import OUTCOMES
 from bayestissue.base.result import Say, silent
 from bayestissue.base.runtime import in_threads
+from bayestissue.inference.answers.evaluation import draws_of
 from bayestissue.inference.answers.grammar import Node, parse
 from bayestissue.inference.answers.law import Law
-from bayestissue.inference.answers.meaning import draws_of
 from bayestissue.inference.answers.reliability import coefficients, variances
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.samplers.sampling import weighted_quantiles
