@@ -28,7 +28,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from typing import Any
 
@@ -59,7 +58,6 @@ from bayestissue.inference.answers.reliability import (
     as_variables,
     coefficients,
     reliability,
-    variances,
 )
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.execution.compiling import by_row
@@ -483,8 +481,7 @@ class Studies:
     def _asked(self, posterior: xr.Dataset, world: World) -> dict[str, float]:
         every, groups, recorded = [], [], self._base.design.recorded
         for draws in (posterior, self._prior):
-            of = partial(variances, draws, recorded)
-            every.append(coefficients({q: of(q, measurement_sd=MEASUREMENT_SD[q]) for q in RESPONSES}, draws))
+            every.append(coefficients(draws, recorded, MEASUREMENT_SD))
             groups.append(draws.merge(as_variables(every[-1])))
         finished = Study(groups[0], recorded, prior=groups[1])
         return dict(ASKED[self._kind](finished, reliability(*every), world))

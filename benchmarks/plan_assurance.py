@@ -26,7 +26,7 @@ from evidence.simulations import simulation, tables
 from studies import CHAIN, Fits, of_draws
 
 from bayestissue.inference.answers.questions import ask, numbered
-from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
+from bayestissue.inference.answers.reliability import as_variables, coefficients
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.quantities.quantity_draws import Draws
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
@@ -166,8 +166,7 @@ def answer(name: str, study: int) -> dict[str, Any]:
 def reliability(prepared: Prepared, draws: Draws, posterior: xr.Dataset) -> xr.Dataset:
     """The coefficients of K, as a run has them."""
     spread = measurement_sd(uncertainty_budget(prepared, draws), "K")
-    of_K = {"K": variances(posterior, prepared.design.recorded, "K", measurement_sd=spread)}
-    return as_variables(coefficients(of_K, posterior))
+    return as_variables(coefficients(posterior, prepared.design.recorded, {"K": spread}))
 
 
 def planned(case: dict[str, Any]) -> list[dict[str, Any]]:

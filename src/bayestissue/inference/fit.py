@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -17,11 +17,9 @@ from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table
 from bayestissue.inference.answers.reliability import (
-    Variances,
     as_variables,
     coefficients,
     reliability,
-    variances,
 )
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.chain.draws import ChainJob, chain_draws
@@ -143,10 +141,13 @@ def label(
     budget = uncertainty_budget(prepared, draws)
     # Beside a discrepancy K is the element's own, and the tissue's stiffness is K_secant.
     of_tissue = [q for q in derived.RESPONSES if q != "K" or not prepared.model.discrepancy]
-    repeatable = {}
+    recorded, repeatable = prepared.design.recorded, {}
+    # Of one impact alone nothing is said of what makes measured values differ.
+    spreads = {q: measurement_sd(budget, q) for q in of_tissue if len(prepared.impacts) > 1}
+    shared_sd = prepared.model.log_mass_sd if of_persons(prepared) else 0.0
     for name in ("posterior", "prior"):
         values = tree[name].dataset
-        repeatable[name] = coefficients(_variances(prepared, of_tissue, values, budget), values)
+        repeatable[name] = coefficients(values, recorded, spreads, shared_sd)
         tree[name] = xr.DataTree(values.merge(as_variables(repeatable[name])))
     posterior = tree["posterior"].dataset
     summary = summary_table(posterior)
@@ -203,20 +204,6 @@ def _contrasts(prepared: Prepared, specification: ModelSpecification, tree: xr.D
     gravity = float(tree["constant_data"].dataset.get(GRAVITY, 0.0))
     law = Law(specification.element, gravity, described=not prepared.model.discrepancy)
     return Contrasts(Study(tree["posterior"].dataset, prepared.design.recorded, law))
-
-
-def _variances(
-    prepared: Prepared, responses: Sequence[str], posterior: xr.Dataset, budget: pd.DataFrame
-) -> dict[str, Variances]:
-    """What makes measured values of K and C differ; of one impact alone nothing is told."""
-    if len(prepared.impacts) == 1:
-        return {}
-    model, recorded = prepared.model, prepared.design.recorded
-    shared = model.log_mass_sd if of_persons(prepared) else 0.0
-    return {
-        q: variances(posterior, recorded, q, measurement_sd=measurement_sd(budget, q), shared_sd=shared)
-        for q in responses
-    }
 
 
 def of_persons(prepared: Prepared) -> bool:

@@ -124,7 +124,7 @@ def test_each_group_is_part_of_the_variance_that_its_levels_say() -> None:
 def test_the_table_and_the_variables_are_in_percent_and_in_units() -> None:
     draws, recorded = posterior()
     each = variances(draws, recorded, "K", measurement_sd=0.03)
-    found = coefficients({"K": each}, draws)
+    found = coefficients(draws, recorded, {"K": 0.03})
     table, further = reliability(found), as_variables(found)
     row = table.set_index(["measure", "form", "unit"])["median"]
     s = np.sqrt(each.error("A"))
@@ -144,17 +144,17 @@ def test_the_table_and_the_variables_are_in_percent_and_in_units() -> None:
 def test_of_one_person_only_the_errors_are_told() -> None:
     draws, recorded = posterior()
     alone = Recorded(recorded.rows.assign(subject="p0"), {"K": "(1|trial)"}, 1.0)
-    found = coefficients({"K": variances(draws, alone, "K", measurement_sd=0.03)}, draws)
+    found = coefficients(draws, alone, {"K": 0.03})
     table, further = reliability(found), as_variables(found)
     assert set(table["measure"]) == {SEM, MDC}
     assert "ICC_C1_K" not in further
-    assert reliability(coefficients({}, draws)).empty
+    assert reliability(coefficients(draws, alone, {})).empty
 
 
 def test_how_much_is_prior_stands_beside_each_coefficient() -> None:
     draws, recorded = posterior()
     both = [
-        coefficients({"K": variances(of, recorded, "K", measurement_sd=0.03)}, of)
+        coefficients(of, recorded, {"K": 0.03})
         for of in (draws, draws.assign(sd_trial_K=2 * draws["sd_trial_K"]))
     ]
     row = reliability(*both).set_index(["measure", "form", "unit"])["prior_overlap"]

@@ -152,7 +152,7 @@ def _critical_velocities(node: Critical, study: Study) -> PerDraw:
     chains, length = (study.draws.sizes[name] for name in DRAWN)
     # As one chain, of which any draws can be chosen.
     draws = study.draws.drop_dims("kept_draw", errors="ignore").stack(number=DRAWN).reset_index("number")
-    draws = draws.drop_vars(DRAWN).rename(number="draw").expand_dims("chain")
+    draws = draws.drop_vars(DRAWN).rename(number="draw").expand_dims("chain").transpose(*DRAWN, ...)
 
     def difference(velocity: Float[np.ndarray, " draw"], numbers: Int[np.ndarray, " draw"]) -> np.ndarray:
         """Below 0 where the claim holds; finite, as what is solved for must be."""
@@ -188,7 +188,7 @@ def _critical_velocities(node: Critical, study: Study) -> PerDraw:
     V = np.where(f[0] < 0, np.inf, 0.0)
     solved = np.flatnonzero((f[0] < 0) & ~(f[1] < 0))
     if len(solved):
-        tolerances = {"xrtol": SETTINGS.of_velocity}
-        between = tuple(sides[:, solved])
-        V[solved] = elementwise.find_root(difference, between, args=(solved,), tolerances=tolerances).x
+        V[solved] = elementwise.find_root(  # type: ignore[call-overload]
+            difference, tuple(sides[:, solved]), args=(solved,), tolerances={"xrtol": SETTINGS.of_velocity}
+        ).x
     return V.reshape(chains, length)

@@ -156,9 +156,23 @@ class Coefficient(NamedTuple):
         yield self._replace(unit=unit, drawn=relative * typical)
 
 
-def coefficients(variances_of: Mapping[str, Variances], draws: xr.Dataset) -> list[Coefficient]:
-    """Every coefficient of each response, by its variances in ``draws``, the group posterior or prior."""
-    return [coefficient for q in variances_of for coefficient in _of_response(q, variances_of[q], draws)]
+def coefficients(
+    draws: xr.Dataset, recorded: Recorded, measurement_sd: Mapping[str, float], shared_sd: float = 0.0
+) -> list[Coefficient]:
+    """Every coefficient in ``draws``, of the group posterior or prior.
+
+    Args:
+        draws: of which group.
+        recorded: what was measured.
+        measurement_sd: of each response that is asked for, of the log of one measurement.
+        shared_sd: of an error of the log mass that all impacts of a person share.
+    """
+    of_all: list[Coefficient] = []
+    for q, sd in measurement_sd.items():
+        of_all += _of_response(
+            q, variances(draws, recorded, q, measurement_sd=sd, shared_sd=shared_sd), draws
+        )
+    return of_all
 
 
 def _of_response(q: str, variances: Variances, draws: xr.Dataset) -> Iterator[Coefficient]:

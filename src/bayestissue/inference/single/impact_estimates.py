@@ -67,8 +67,8 @@ _OSCILLATOR_COLUMNS = {
     for name, unit in (("K", "_N_per_m"), ("C", "_N_s_per_m"))
     for ending, which in (("se", "sd"), ("low", "low"), ("high", "high"))
 } | {"omega_n_se_rad_s": ("omega_n", "sd"), "zeta_se": ("zeta", "sd")}
-_OF_RECORDER = ("whiteness_p", "noise_sd_m_s2")
-_FURTHER = (*_OSCILLATOR_COLUMNS, *_OF_RECORDER, "pareto_k", *INTERVAL_COLUMNS)
+_NOISE_P, _NOISE_SD = "whiteness_p", "noise_sd_m_s2"
+_FURTHER = (*_OSCILLATOR_COLUMNS, _NOISE_P, _NOISE_SD, "pareto_k", *INTERVAL_COLUMNS)
 # An interval whose ends are this many times apart leaves the order of magnitude open.
 _DECADE = 10.0
 # A flag may be raised on one sound recording of a thousand, as in
@@ -192,13 +192,13 @@ class _Estimated:
             known = {"sd": ~(untold | self.noiseless), "median": posteriors.moved}.get(which, bounded)
             return np.where(known, values, np.nan)
 
-        of_recorder = (posteriors.noise_p, quantities["sigma"]["median"])
-        return (
-            {column: number(*of) for column, of in _OSCILLATOR_COLUMNS.items()}
-            | ({} if posteriors.noise_p is None else dict(zip(_OF_RECORDER, of_recorder, strict=True)))
-            | {"pareto_k": posteriors.pareto_k}
-            | {column: number(*of) for column, of in INTERVAL_COLUMNS.items() if of[0] in quantities}
-        )
+        columns = {column: number(*of) for column, of in _OSCILLATOR_COLUMNS.items()}
+        if posteriors.noise_p is not None:
+            columns |= {_NOISE_P: posteriors.noise_p, _NOISE_SD: quantities["sigma"]["median"]}
+        columns["pareto_k"] = posteriors.pareto_k
+        return columns | {
+            column: number(*of) for column, of in INTERVAL_COLUMNS.items() if of[0] in quantities
+        }
 
     def wrong(self, dataset: Dataset) -> dict[Coded, MaskPerImpact]:
         """What the posteriors say is wrong with each impact of these recordings."""

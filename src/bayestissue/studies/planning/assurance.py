@@ -24,7 +24,7 @@ from bayestissue.base.runtime import in_threads
 from bayestissue.inference.answers.evaluation import draws_of
 from bayestissue.inference.answers.grammar import Node, parse
 from bayestissue.inference.answers.law import Law
-from bayestissue.inference.answers.reliability import coefficients, variances
+from bayestissue.inference.answers.reliability import coefficients
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.samplers.sampling import weighted_quantiles
 from bayestissue.mechanics.elements import element
@@ -233,9 +233,8 @@ class Planner:
         """
         names = {quantity.name for goal in goals for quantity in goal.node.quantities()}
         if lacking := names - {*map(str, draws.data_vars), *RESPONSES, *OUTCOMES}:
-            sd = self.information.measurement_sd
-            of_responses = {q: variances(draws, recorded, q, measurement_sd=sd[q]) for q in RESPONSES}
-            found = {f"{c.name}_{c.quantity}": c.drawn for c in coefficients(of_responses, draws)}
+            of_responses = coefficients(draws, recorded, self.information.measurement_sd)
+            found = {f"{c.name}_{c.quantity}": c.drawn for c in of_responses}
             draws = draws.assign({name: (("chain", "draw"), found[name]) for name in lacking & set(found)})
         of_design, of_all = (Study(draws, rows, self.law) for rows in (recorded, design.recorded))
         values = (draws_of(goal.node, of_design if goal.over_levels else of_all) for goal in goals)

@@ -19,7 +19,7 @@ from bayestissue.inference.answers.questions import (
     require_outcomes,
     require_readable,
 )
-from bayestissue.inference.answers.reliability import as_variables, coefficients, variances
+from bayestissue.inference.answers.reliability import as_variables, coefficients
 from bayestissue.inference.answers.study import Study
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.design import Design, build_design
@@ -247,8 +247,8 @@ def _example(design: Design, model: ModelSpecification) -> xr.Dataset:
     values = {name: np.array([[0.1, 0.2]]) for name in planned.hyperparameters}
     b = np.broadcast_to(np.array([[[0.1], [0.2]]]), (1, 2, planned.locations.size))
     draws = planned.draws(design, values, b)
-    known = {q: variances(draws, design.recorded, q, measurement_sd=0.01) for q in RESPONSES}
-    return draws.merge(as_variables(coefficients(known, draws)))
+    known = coefficients(draws, design.recorded, dict.fromkeys(RESPONSES, 0.01))
+    return draws.merge(as_variables(known))
 
 
 def _unknown_beliefs(plan: PlanSpecification, designs: Sequence[Design], source: str) -> Iterator[Problem]:
