@@ -101,11 +101,14 @@ def table_of_rows(name: str, rows: Iterable[Any] = ()) -> pd.DataFrame:
 
 
 def joined(name: str, parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Parts of the table ``name`` one below the other, its columns in order; empty where there are none."""
+    """Parts of the table ``name`` one below the other, its columns in order; empty where there are none.
+
+    A column that parts lack is open.
+    """
     import pandas as pd
 
     columns = columns_of(name)
-    return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns)
+    return (pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()).reindex(columns=columns)
 
 
 def wrong_in(

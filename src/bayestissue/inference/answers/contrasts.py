@@ -50,7 +50,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.base.results.tables import columns_of, joined
+from bayestissue.base.results.tables import joined
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import MOTION
 from bayestissue.inference.answers.study import DRAWN, Study
@@ -230,9 +230,7 @@ def _rows(
     texts = [(*one.names, one.kind, note) for one, note in zip(compared, notes, strict=True)]
     table = pd.DataFrame(texts, columns=_TEXT).assign(**shared)
     return [
-        table.assign(quantity=str(name), **ratio_summary(of_levels, weights, equivalence)).reindex(
-            columns=columns_of("contrasts")
-        )
+        table.assign(quantity=str(name), **ratio_summary(of_levels, weights, equivalence))
         for name, of_levels in values.items()
     ]
 
@@ -297,7 +295,10 @@ def _weights(compared: Sequence[Contrast]) -> tuple[list[Condition], Float[np.nd
 def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     """What a response's formula lets one compare, covariates first."""
     formula = recorded.response(response)
-    factors = [name for name in formula.covariates if _is_factor(recorded, name)]
+    # Categories, and numbers with two values that are neither measured nor set.
+    numbers = [name for name in formula.covariates if name not in _PHYSICAL]
+    two_valued = [name for name in numbers if recorded.rows[name].nunique() == 2]
+    factors = [name for name in formula.covariates if name in two_valued or recorded.is_category(name)]
     compared = [one for name in factors for one in _of_levels(name, recorded.levels(name))]
     for names in sorted(interactions(formula.formula), key=len, reverse=True):
         if set(names) <= set(factors):
@@ -313,11 +314,6 @@ def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
                 if len(levels) <= SETTINGS.compared:
                     compared += _of_levels(term.grouping, levels)
     return compared
-
-
-def _is_factor(recorded: Recorded, name: str) -> bool:
-    two_numbers = name not in _PHYSICAL and recorded.rows[name].nunique() == 2
-    return two_numbers or recorded.is_category(name)
 
 
 def _pairs(column: str, levels: Sequence[str], most: int = SETTINGS.in_pairs) -> list[Pair]:

@@ -155,10 +155,10 @@ def _critical_velocities(node: Critical, study: Study) -> PerDraw:
     draws = draws.drop_vars(DRAWN).rename(number="draw").expand_dims("chain").transpose(*DRAWN, ...)
 
     def difference(velocity: Float[np.ndarray, " draw"], numbers: Int[np.ndarray, " draw"]) -> np.ndarray:
-        """Below 0 where the claim holds; finite, as what is solved for must be."""
+        """Below 0 where the claim holds, above where a side is no number; finite, to be solved for."""
         moved = replace(study, draws=draws.isel(draw=numbers), velocity_m_s=velocity[None])
         left, right = (_in_each(side, moved).to_numpy()[0] for side in claim.operands)
-        return np.nan_to_num(sign * (left - right), nan=np.nan, posinf=_INFINITE, neginf=-_INFINITE)
+        return np.nan_to_num(sign * (left - right), nan=_INFINITE, posinf=_INFINITE, neginf=-_INFINITE)
 
     def bracketed(low: float, high: float, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The two velocities about the claim's end in some draws, and the differences there, [side, draw]."""

@@ -9,7 +9,6 @@ until the impactor leaves.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
@@ -18,7 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.base.outcomes import REFERENCE_OUTCOMES
-from bayestissue.base.results.tables import columns_of, table_of_rows, typed
+from bayestissue.base.results.tables import joined, typed
 from bayestissue.inference.answers.contrasts import LEVELS, Contrasts
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import fall_height
@@ -56,7 +55,7 @@ def levels_table(contrasts: Contrasts) -> pd.DataFrame:
             motion = study.motion(levels)
             at |= {name: motion[name] for name in ("mass_kg", "velocity_m_s")}
             tables += [_ranked_rows(values, **at, note=note) for values in outcomes.values()]
-    return _whole("levels", tables)
+    return typed("levels", joined("levels", tables))
 
 
 def _ranked_rows(values: xr.DataArray, **at: Any) -> pd.DataFrame:
@@ -76,12 +75,6 @@ def _ranked_rows(values: xr.DataArray, **at: Any) -> pd.DataFrame:
             "draws": values.sizes["chain"] * values.sizes["draw"],
         }
     )
-
-
-def _whole(name: str, parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """The table ``name`` of parts that may lack columns."""
-    table = pd.concat(parts, ignore_index=True) if parts else table_of_rows(name)
-    return typed(name, table.reindex(columns=columns_of(name)))
 
 
 def pictured(contrasts: Contrasts) -> dict[str, list[Condition]]:
@@ -108,7 +101,7 @@ def loops_table(contrasts: Contrasts) -> pd.DataFrame:
     study, tables = contrasts.study, []
     motions = measured_motions(study.recorded)
     if not (study.law.everywhere and motions):
-        return _whole("loops", [])
+        return typed("loops", joined("loops", []))
     # A typical person, under an empty name, where nothing is compared.
     for factor, levels in (pictured(contrasts) or {"": [{}]}).items():
         pairs = list(product(motions, levels))
@@ -126,7 +119,7 @@ def loops_table(contrasts: Contrasts) -> pd.DataFrame:
             }
             columns = {"depth_m": way[f"depth_{branch}"], "force_N": way[f"force_{branch}"]}
             tables.append(pd.DataFrame({**at, **motion, **columns}).dropna(subset="depth_m"))
-    return _whole("loops", tables)
+    return typed("loops", joined("loops", tables))
 
 
 def _step(study: Study, conditions: int) -> int:
@@ -147,7 +140,7 @@ def curves_table(contrasts: Contrasts) -> pd.DataFrame:
     mass_group = (np.log(rows["mass_kg"]) / SETTINGS.same_motion).round()
     masses = rows["mass_kg"].groupby(mass_group).mean().to_numpy()
     if not (study.law.everywhere and 0 < len(masses) <= SETTINGS.motions):
-        return _whole("curves", [])
+        return typed("curves", joined("curves", []))
     least, most = float(rows["velocity_m_s"].min()), float(rows["velocity_m_s"].max())
     inside = np.geomspace(least, most, SETTINGS.pictured_velocities - 2)
     velocities = np.unique([SETTINGS.beyond[0] * least, *inside, SETTINGS.beyond[1] * most])
@@ -171,4 +164,4 @@ def curves_table(contrasts: Contrasts) -> pd.DataFrame:
             at.assign(quantity=str(name), unit=unit_of(str(name)), **interval(values))
             for name, values in outcomes.items()
         ]
-    return _whole("curves", tables)
+    return typed("curves", joined("curves", tables))

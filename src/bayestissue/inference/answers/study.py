@@ -24,6 +24,7 @@ from bayestissue.base.errors import Coded
 from bayestissue.base.outcomes import HEADFORM_OUTCOMES, REFERENCE_OUTCOMES
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import MET, Law, beyond, moving
+from bayestissue.inference.checking.model_form import of_impacts
 from bayestissue.inference.results.meanings import element_alone
 from bayestissue.mechanics.elements import REFERENCE_DIAMETER_M
 from bayestissue.mechanics.elements.element import GRAVITY
@@ -222,7 +223,7 @@ class Study:
     @cached_property
     def _reached(self) -> PerImpact | None:
         """The median depth of each recorded impact [m]; None of a run without any."""
-        return _of_impacts(self.draws["peak_depth"]) if "peak_depth" in self.draws else None
+        return of_impacts(self.draws["peak_depth"]).to_numpy() if "peak_depth" in self.draws else None
 
     def _recorded_at(self, condition: Condition) -> MaskPerImpact:
         """The impacts that were recorded at a condition's levels, of those alone that were recorded."""
@@ -239,9 +240,4 @@ def simulated_step(draws: int, conditions: int) -> int:
 
 def described_impacts(posterior: xr.Dataset) -> MaskPerImpact | bool:
     """Beside a discrepancy the impacts in which it is `SLIGHT`; none of draws without single impacts."""
-    return _of_impacts(posterior["discrepancy"]) < SLIGHT if "discrepancy" in posterior else False
-
-
-def _of_impacts(draws: xr.DataArray) -> PerImpact:
-    """The median of each impact."""
-    return draws.median([name for name in draws.dims if name != "impact"]).to_numpy()
+    return of_impacts(posterior["discrepancy"]).to_numpy() < SLIGHT if "discrepancy" in posterior else False

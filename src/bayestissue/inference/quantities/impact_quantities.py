@@ -106,12 +106,6 @@ class Impacts:
         velocity_error = data.record.velocity_error(errors, jax.random.fold_in(key, 5))
         return cls(model, data, u, mass_error, errors, velocity_error, measured, discrepancy)
 
-    @property
-    def error_with_gain(self) -> Float[Array, "impact error"]:
-        """The measuring chain's errors, that of a gain which all impacts share counted in."""
-        log_gain = self.model.named(self.u).get(GAIN)
-        return self.chain_error + (0.0 if log_gain is None else self.data.record.of_gain(log_gain))
-
     @cached_property
     def physical(self) -> Physical:
         """Natural frequency, damping ratio and noise, as the likelihood takes them."""
@@ -228,6 +222,7 @@ def _outcome(impacts: Impacts, name: str) -> Array | None:
     return impacts.outcomes.get(name)
 
 
+_COMPARABLE = ("K_tangent", "K_secant", "C_equivalent", "energy_lost")
 # By the names of variables; None where these impacts have no such quantity.
 QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
     "K": lambda impacts: impacts.parameters["K"],
@@ -238,10 +233,7 @@ QUANTITIES: dict[str, Callable[[Impacts], Array | None]] = {
     "sigma_a": lambda impacts: impacts.noise.get("sigma_a"),
     "sigma_d": lambda impacts: impacts.noise.get("sigma_d"),
     "mass": lambda impacts: impacts.mass,
-    "K_tangent": partial(_comparable, name="K_tangent"),
-    "K_secant": partial(_comparable, name="K_secant"),
-    "C_equivalent": partial(_comparable, name="C_equivalent"),
-    "energy_lost": partial(_comparable, name="energy_lost"),
+    **{name: partial(_comparable, name=name) for name in _COMPARABLE},
     COMMON_DEPTH: lambda impacts: impacts.common_depth,
     "discrepancy": lambda impacts: jnp.exp(impacts.u[-1]) if impacts.model.discrepancy else None,
     **{name: partial(_outcome, name=name) for name in HEADFORM_OUTCOMES},
@@ -260,5 +252,8 @@ def impact_quantities(impacts: Impacts) -> dict[str, Float[Array, "impact ..."]]
     """All quantities of every impact by name, with its parameters and the chain's errors."""
     further = {one.name: impacts.parameters[one.name] for one in impacts.element.extra}
     known: dict[str, Any] = named_quantities(impacts)
-    parameters = jnp.stack(impacts.u, axis=-1)
-    return known | further | {"parameters": parameters, "chain_error": impacts.error_with_gain}
+    # That of a gain which all impacts share is an error of each.
+    log_gain, chain_error = impacts.model.named(impacts.u).get(GAIN), impacts.chain_error
+    if log_gain is not None:
+        chain_error += impacts.data.record.of_gain(log_gain)
+    return known | further | {"parameters": jnp.stack(impacts.u, axis=-1), "chain_error": chain_error}

@@ -12,7 +12,13 @@ import xarray as xr
 
 from bayestissue.base.declarations import declared
 from bayestissue.base.outcomes import DECLARED
-from bayestissue.inference.results.meanings import LEVELS, NAMES, UNITS
+from bayestissue.inference.results.meanings import (
+    LEVEL_WORDS,
+    LEVEL_WORDS_OF_ONE_PERSON,
+    LEVELS,
+    NAMES,
+    UNITS,
+)
 from bayestissue.mechanics.elements import element, element_names
 from bayestissue.model.hierarchy.design import Design
 from bayestissue.model.hierarchy.formulas.group_terms import MASS_TERM, common_coefficient, stem_of
@@ -59,7 +65,7 @@ def _worded(table: str, *each: Mapping[str, str], **words: str) -> dict[str, Var
 @cache
 def variables() -> Mapping[str, Variable]:
     """Those of any fit, of elements' further parameters and of outcomes too."""
-    table = _levels({suffix: level.of for suffix, level in LEVELS.items()})
+    table = _levels(LEVEL_WORDS)
     table |= _worded("variables", *({"q": q, "name": NAMES[q], "unit": UNITS[q]} for q in UNITS))
     table |= _worded("elements")
     for name, one in DECLARED.items():
@@ -119,7 +125,7 @@ def design_variables(design: Design) -> dict[str, Variable]:
     # People and conditions have words of their own for K and C, and of a study of one person all levels.
     table = {name: one for name, one in table.items() if name not in known}
     if len(design.subjects) == 1:
-        table |= _levels({suffix: level.of_one_person or level.of for suffix, level in LEVELS.items()})
+        table |= _levels(LEVEL_WORDS_OF_ONE_PERSON)
     return table | _averaged(design, {**known, **table})
 
 

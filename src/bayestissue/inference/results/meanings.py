@@ -35,6 +35,9 @@ class Level(NamedTuple):
 LEVELS = {
     suffix: Level(**entry) for suffix, entry in declared(__package__, "variables.toml")["levels"].items()
 }
+# Of whom, and the same of the data of one person.
+LEVEL_WORDS = {suffix: level.of for suffix, level in LEVELS.items()}
+LEVEL_WORDS_OF_ONE_PERSON = {suffix: level.of_one_person or level.of for suffix, level in LEVELS.items()}
 # Outcomes are those of the reference impact, which has the reference mass.
 _OF_OUTCOMES = ("_typical_person", "_new", "_subject")
 # Secant stiffness and equivalent damping mean the same for every element.
@@ -123,5 +126,4 @@ def _table(levels: Mapping[str, str]) -> dict[str, Meaning]:
     }
 
 
-_of_several = _table({suffix: level.of for suffix, level in LEVELS.items()})
-_of_one_person = _table({suffix: level.of_one_person or level.of for suffix, level in LEVELS.items()})
+_of_several, _of_one_person = _table(LEVEL_WORDS), _table(LEVEL_WORDS_OF_ONE_PERSON)

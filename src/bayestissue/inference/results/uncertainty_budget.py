@@ -122,7 +122,7 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
     means: Account = {PERSON_AND_CONDITION: typical}
     if not many:
         # Variances of means are linear in those of the hyperparameters, whose posteriors have long tails.
-        middle = _variances(part, _middle(part, draws, _root_mean_square))
+        middle = _variances(part, _middle(part, draws, lambda sd: np.sqrt(np.mean(sd**2))))
         of_means = _of_means(middle._replace(measured=measured), _means(part))
         names = [*measured, *middle.scatter, *middle.effects]
         means = _with_masses({name: np.asarray(of_means[name]) for name in names}, draws)
@@ -146,10 +146,6 @@ def _middle(prepared: Prepared, draws: Draws, middle: Callable[[np.ndarray], np.
     if "residual_correlation" in hyperparameters:
         hyperparameters["residual_correlation"] = np.median(draws.population["residual_correlation"])
     return hyperparameters
-
-
-def _root_mean_square(values: np.ndarray) -> np.floating:
-    return np.sqrt(np.mean(values**2))
 
 
 def _scatter(
