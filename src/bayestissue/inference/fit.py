@@ -153,7 +153,10 @@ def label(
     summary = summary_table(posterior)
     # Coefficients are functions of standard deviations, which are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
-    compared, near = _contrasts(prepared, specification, tree), specification.practical_equivalence
+    # Levels are compared by the law of force where there is one.
+    gravity = float(tree["constant_data"].dataset.get(GRAVITY, 0.0))
+    law = Law(specification.element, gravity, described=not prepared.model.discrepancy)
+    compared, near = Contrasts(Study(posterior, recorded, law)), specification.practical_equivalence
     diagnostics = _diagnostics(prepared, specification, tree, checked, chains, form)
     # How K and C go with mass, of every exponent that there is.
     of_mass = {q: f"mass_exponent_{q}" for q in (*of_tissue, COMMON_DEPTH, "K_secant")}
@@ -197,13 +200,6 @@ def _diagnostics(
         "route": chains.record(),
         **({"added_mass": added} if added else {}),
     }
-
-
-def _contrasts(prepared: Prepared, specification: ModelSpecification, tree: xr.DataTree) -> Contrasts:
-    """What is compared between levels, by the law of force where there is one."""
-    gravity = float(tree["constant_data"].dataset.get(GRAVITY, 0.0))
-    law = Law(specification.element, gravity, described=not prepared.model.discrepancy)
-    return Contrasts(Study(tree["posterior"].dataset, prepared.design.recorded, law))
 
 
 def of_persons(prepared: Prepared) -> bool:

@@ -107,8 +107,8 @@ def joined(name: str, parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """
     import pandas as pd
 
-    columns = columns_of(name)
-    return (pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()).reindex(columns=columns)
+    whole = pd.concat(parts, ignore_index=True) if parts else table_of_rows(name)
+    return whole.reindex(columns=columns_of(name))
 
 
 def wrong_in(

@@ -188,7 +188,7 @@ def _critical_velocities(node: Critical, study: Study) -> PerDraw:
     V = np.where(f[0] < 0, np.inf, 0.0)
     solved = np.flatnonzero((f[0] < 0) & ~(f[1] < 0))
     if len(solved):
-        V[solved] = elementwise.find_root(  # type: ignore[call-overload]
+        V[solved] = elementwise.find_root(
             difference, tuple(sides[:, solved]), args=(solved,), tolerances={"xrtol": SETTINGS.of_velocity}
         ).x
     return V.reshape(chains, length)

@@ -292,25 +292,6 @@ _HOLDS, _FAILS = 0.1, 0.5
 _DOUBTS = {"model-form", "structured-residuals", "pooled-parameter"}
 
 
-def differing(form: Mapping[str, Any], names: np.ndarray, recorded: Recorded) -> dict[str, list[str]]:
-    """The categories of K's formula at some of whose levels a law holds and at others not, with the others.
-
-    Args:
-        form: as `bayestissue.inference.checking.model_form.with_impacts` has it.
-        names: of the impacts.
-        recorded: of the fit.
-    """
-    p = pd.Series(form.get("impacts", {}).get("p", {}), dtype=float).reindex(names).to_numpy()
-    tested, found = np.isfinite(p), {}
-    for column in recorded.response("K").categories:
-        small = pd.Series(p < SMALL_P)[tested].groupby(recorded.labels(column)[tested])
-        shares = small.mean().reindex(recorded.levels(column)).dropna()
-        fails = shares.index[shares >= _FAILS].tolist()
-        if fails and (shares <= _HOLDS).any():
-            found[column] = fails
-    return found
-
-
 def stiffening_by(specification: ModelSpecification, formula: str) -> ModelSpecification | None:
     """The same model with a spring that stiffens by a formula; None where it has another element."""
     if specification.element != SIDE_BY_SIDE:
@@ -324,12 +305,27 @@ def stiffening_by(specification: ModelSpecification, formula: str) -> ModelSpeci
 
 
 def instead(form: Mapping[str, Any], names: np.ndarray, recorded: Recorded) -> dict[str, Any]:
-    """What another element is tried for: the ``formula`` of its depth, and ``words``; empty where none is."""
-    found = differing(form, names, recorded)
-    if not found:
+    """What another element is tried for: the ``formula`` of its depth, and ``words``; empty where none is.
+
+    It is by the categories of K's formula at some of whose levels the law holds and at others not.
+
+    Args:
+        form: as `with_impacts` has it.
+        names: of the impacts.
+        recorded: of the fit.
+    """
+    p = pd.Series(form.get("impacts", {}).get("p", {}), dtype=float).reindex(names).to_numpy()
+    tested, failing = np.isfinite(p), {}
+    for column in recorded.response("K").categories:
+        small = pd.Series(p < SMALL_P)[tested].groupby(recorded.labels(column)[tested])
+        shares = small.mean().reindex(recorded.levels(column)).dropna()
+        fails = shares.index[shares >= _FAILS].tolist()
+        if fails and (shares <= _HOLDS).any():
+            failing[column] = fails
+    if not failing:
         return {}
-    where = "; ".join(f"{column} {first_of(levels, 8)}" for column, levels in found.items())
-    formula = " + ".join(f"C({n})" if recorded.is_number(n) else quoted([n]) for n in found)
+    where = "; ".join(f"{column} {first_of(levels, 8)}" for column, levels in failing.items())
+    formula = " + ".join(f"C({n})" if recorded.is_number(n) else quoted([n]) for n in failing)
     words = sentence("model-form.stiffens", score=form["score"], where=where, formula=formula)
     numbers = {"formula": formula, "instead_of": SIDE_BY_SIDE, "score_without": form["score"]}
     return Finding("model-form", passed=True, words=words).record(**numbers)

@@ -52,7 +52,7 @@ def straight_lines(
     """
     rows = some_impacts(len(design.subject))
     shares = np.arange(len(design.subject)) if mass_group is None else mass_group
-    lines: list[dict[str, Any]] = []
+    recorded, lines = design.recorded.rows, list[dict[str, Any]]()
     for q, part in design.responses.items():
         if q not in posterior or "impact" not in posterior[q].dims:
             continue
@@ -64,7 +64,9 @@ def straight_lines(
         x += [] if part.log_mass is None else [part.log_mass[rows, None]]
         root = np.linalg.cholesky(cov)
         for i, name in enumerate(part.names):
-            values = _values(design, name, part.covariates[:, i] * part.scale[i])
+            # A column as it was recorded; what is made of columns, "log(dose)" say, less its reference.
+            made = (part.covariates[:, i] * part.scale[i]).round(12)
+            values = recorded[name].to_numpy(float) if name in recorded else made
             levels = _levels(values)[rows]
             if ":" in name or "[" in name or levels.nunique() < 3:
                 continue
@@ -88,12 +90,6 @@ def _covariance(
         sd = float(posterior[term.sd(q)].median())
         cov += sd**2 * (code[:, None] == code) * np.outer(scaled, scaled)
     return cov
-
-
-def _values(design: Design, name: str, centred: np.ndarray) -> np.ndarray:
-    """A column as it was recorded; what is made of columns, ``log(dose)`` say, less its reference."""
-    recorded = design.recorded.rows
-    return recorded[name].to_numpy(float) if name in recorded else centred.round(12)
 
 
 def _levels(values: np.ndarray) -> pd.Series:

@@ -7,8 +7,8 @@ from typing import Any
 
 import jax
 import numpy as np
-import pandas as pd
 import xarray as xr
+from pandas.api.types import is_numeric_dtype
 
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
@@ -105,6 +105,7 @@ def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
 def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     signal, record = prepared.signal, prepared.data.record
     error_sd, first = prepared.error_sd, np.asarray(record.first_time)
+    columns = prepared.impacts[_columns(prepared)]
     return {
         **({"common_depth_m": common_depth(signal)} if prepared.model.depends_on_depth else {}),
         **({GRAVITY: signal.gravity[0]} if signal.gravity.any() else {}),
@@ -121,17 +122,16 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
             for name, grouping in prepared.design.groupings.items()
         },
         **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(record.errors)},
-        **{f"column_{stem_of(name)}": _values(prepared.impacts[name]) for name in _columns(prepared)},
+        **{
+            f"column_{stem_of(str(name))}": column.to_numpy(float if is_numeric_dtype(column) else str)
+            for name, column in columns.items()
+        },
     }
 
 
 def _columns(prepared: Prepared) -> list[str]:
     """The columns of the impacts that formulas may name and that stand nowhere else."""
     return [str(name) for name in prepared.impacts if name not in RESERVED and "/" not in str(name)]
-
-
-def _values(column: pd.Series) -> np.ndarray:
-    return column.to_numpy(float if pd.api.types.is_numeric_dtype(column) else str)
 
 
 def _prior_groups(
