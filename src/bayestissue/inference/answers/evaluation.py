@@ -20,6 +20,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import elementwise
 
 from bayestissue.base.arrays import PerDraw
+from bayestissue.base.outcomes import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.inference.answers.grammar import OF_MANY, Critical, Node, Number, Quantity, QuestionError
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, NO_LAW, fall_height
@@ -32,7 +33,6 @@ from bayestissue.inference.answers.meaning import (
     require_motions,
 )
 from bayestissue.inference.answers.study import DRAWN, Study
-from bayestissue.base.outcomes import HEADFORM_OUTCOMES as OUTCOMES
 
 _OPERATORS: dict[str, Callable[..., Any]] = {
     "+": operator.add,
