@@ -45,8 +45,8 @@ from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.levels import NEW
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
 from bayestissue.model.hierarchy.responses import RESPONSES
-from bayestissue.recordings.dataset.cells import Records, alike, in_whatever_case, read_cells
-from bayestissue.recordings.dataset.source_files import Source
+from bayestissue.recordings.dataset.cells import Records, alike, in_whatever_case, nearest, read_cells
+from bayestissue.recordings.dataset.source_files import Source, plain_text
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = COLUMNS | OUTCOME_COLUMNS
@@ -243,7 +243,7 @@ def read_conditions(table: str | Path | pd.DataFrame, study: Study) -> list[Cond
     recorded = study.recorded
     if isinstance(table, pd.DataFrame):
         label = _TABLE
-        body = [[_text(value) for value in row] for row in table.itertuples(index=False, name=None)]
+        body = [[plain_text(value) for value in row] for row in table.itertuples(index=False, name=None)]
         cells, rows = Records([str(name) for name in table], body, range(len(body)), label).cells()
     else:
         path = path_argument("table", table, "a pandas table, or the path of a CSV file")
@@ -273,20 +273,12 @@ def read_conditions(table: str | Path | pd.DataFrame, study: Study) -> list[Cond
     ]
 
 
-def _text(value: object) -> str:
-    if value is None or (isinstance(value, float) and math.isnan(value)) or value is pd.NA:
-        return ""
-    if isinstance(value, float | np.floating):
-        return f"{float(value):.17g}"
-    return str(value).strip()
-
-
 def _columns(cells: pd.DataFrame, usable: Sequence[str], label: str) -> Iterator[Problem]:
     """Columns that the run does not have."""
     for name in map(str, cells):
         if name not in usable:
-            near = difflib.get_close_matches(name, usable, n=1)
-            remedy = f'Is it "{near[0]}"?' if near else "Rename or remove the column."
+            near = nearest(name, usable)
+            remedy = f'Is it "{near}"?' if near else "Rename or remove the column."
             remedy = "Each row is a new impact: remove the column." if name == "impact" else remedy
             numbers = {"usable": ", ".join(usable), "remedy": remedy}
             yield Problem.stated("prediction-table.column", label, 1, name, name, **numbers)
@@ -315,8 +307,7 @@ def _slips(cells: pd.DataFrame, rows: np.ndarray, study: Study, label: str) -> I
                 if not math.isfinite(as_number(text)):
                     yield slip(row, name, text, "a number")
             elif known is not None and text not in known:
-                near = difflib.get_close_matches(text, known, n=1)
-                hint = f'Is it "{near[0]}"? ' if near else ""
+                hint = f'Is it "{near}"? ' if (near := nearest(text, known)) else ""
                 yield slip(row, name, text, f"one of {', '.join(known[:8])}", hint)
     for texts, row in zip(cells.to_dict("records"), rows, strict=True):
         stated = [str(name) for name, text in texts.items() if text]
