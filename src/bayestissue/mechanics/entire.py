@@ -36,11 +36,6 @@ def chord(q: ArrayLike) -> Array:
     return q * sinc_root(q / 4) ** 2
 
 
-def cos_root(q: ArrayLike) -> Array:
-    """cos(sqrt q), which is cosh(sqrt(-q)) for negative q; any shape."""
-    return 1.0 - chord(q) / 2
-
-
 def arc_chord(h: ArrayLike) -> Array:
     """The inverse of `chord` on its main branch: q <= pi^2 with 4 sin^2(sqrt(q)/2) = h.
 
@@ -70,7 +65,7 @@ def damped_pair(angle: ArrayLike, zeta: ArrayLike) -> tuple[Array, Array]:
     strong = q < -1.0
     slow, fast, beta = roots_above(jnp.where(strong, w, 2.0), jnp.where(strong, zeta, 2.0))
     mild_q, decay = jnp.where(strong, 0.0, q), jnp.exp(-jnp.where(strong, 0.0, zeta * w))
-    cosine = jnp.where(strong, (jnp.exp(slow) + jnp.exp(fast)) / 2, decay * cos_root(mild_q))
+    cosine = jnp.where(strong, (jnp.exp(slow) + jnp.exp(fast)) / 2, decay * (1.0 - chord(mild_q) / 2))
     sine = jnp.where(strong, (jnp.exp(slow) - jnp.exp(fast)) / (2 * beta), decay * sinc_root(mild_q))
     return cosine, sine
 

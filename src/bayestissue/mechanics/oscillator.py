@@ -249,7 +249,10 @@ def to_differences(omega_n: ArrayLike, zeta: ArrayLike, dt: ArrayLike) -> Differ
     bend = jnp.exp(-mild * w) * chord(w**2 * (1 - mild) * (1 + mild))
     c1 = jnp.where(strong, u1 + u2, bend - 2 * lost)
     c2 = jnp.where(strong, u1 * u2, lost**2 + bend)
-    return Differences(c1, c2, _theta_from_ratio(_ratio(w, zeta)))
+    # The invertible root of -theta / (1 + theta^2) = r, the lag-one autocorrelation of an MA(1).
+    r = _ratio(w, zeta)
+    root = jnp.sqrt(jnp.maximum((1 - 2 * r) * (1 + 2 * r), jnp.finfo(r.dtype).tiny))
+    return Differences(c1, c2, -2 * r / (1 + root))
 
 
 @jax.jit
@@ -340,12 +343,6 @@ def _branch(c1: Array, c2: Array, theta1: Array, a: Array, q: Array) -> Array:
 def _candidate(principal: Array, branch: Array) -> Array:
     turns = 2 * jnp.pi * ((branch + 1) // 2).astype(principal.dtype)
     return turns + jnp.where(branch % 2 == 0, 1, -1) * principal
-
-
-def _theta_from_ratio(r: Array) -> Array:
-    """The invertible root of -theta / (1 + theta^2) = r, the lag-one autocorrelation of an MA(1)."""
-    tiny = jnp.finfo(r.dtype).tiny
-    return -2 * r / (1 + jnp.sqrt(jnp.maximum((1 - 2 * r) * (1 + 2 * r), tiny)))
 
 
 def _ratio(w: Array, zeta: Array) -> Array:

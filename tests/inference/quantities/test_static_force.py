@@ -83,9 +83,9 @@ def as_discrepancy(
     """A tissue's impacts as spring and damper, with all that these lack of it as discrepancy."""
     true = outcomes(tissue, values, MASS, VELOCITY, gravity=gravity)
     given = measured("kelvin_voigt", SIDE_BY_SIDE, np.asarray(true["time_to_peak"]), gravity=gravity)
-    own = _motion(given)
+    *_, own = _motion(given)
     all_of_it = impact(tissue, values, MASS, VELOCITY, given.record.time(), gravity=gravity).deceleration
-    return given, whole(given, all_of_it - own.d, NONE)
+    return given, whole(given, all_of_it - own, NONE)
 
 
 @pytest.mark.parametrize("gravity", [None, 9.80665])

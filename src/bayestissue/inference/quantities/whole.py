@@ -63,9 +63,9 @@ def whole_impact(measured: MeasuredImpact, delta: JaxPerSample, velocity_error: 
     """
     record = measured.record
     collision = replace(measured.collision, velocity=record.velocity + velocity_error)
-    element_motion = motion(collision, record)
+    x, v, d = motion(collision, record)
     slower, nearer = integrals(delta, record.first_time, record.step())
-    x, v, a = element_motion.x - nearer, element_motion.v - slower, element_motion.d + delta
+    x, v, a = x - nearer, v - slower, d + delta
     last = jnp.argmin(jnp.where(record.inside(), jnp.abs(v), jnp.inf), axis=1)[:, None]
 
     def at(values: Array, inside: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -100,43 +100,28 @@ class PreparedForce:
         return replace(self, rows=chosen_impacts(self.rows, rows), **chosen)
 
 
-@dataclass(frozen=True)
-class RowsWithin:
+class RowsWithin(NamedTuple):
     """The samples of a force that lie in the windows, and what was quiet before.
 
     Attributes:
-        recorded: the recordings.
-        used: which of their samples lie in the windows.
-        begin: the first of these, of each impact.
+        used: which samples of the recordings lie in the windows.
+        index: of these, [impact, row], the first one first; past a row's end of any samples.
         number: how many each impact has.
         zero: mean of the quiet part.
         noise: its standard deviation.
         n_quiet: how many samples that has.
     """
 
-    recorded: PaddedTraces
     used: Bool[np.ndarray, "impact sample"]
-    begin: IndexPerImpact
+    index: Int[np.ndarray, "impact row"]
     number: IndexPerImpact
     zero: PerImpact
     noise: PerImpact
     n_quiet: IndexPerImpact
 
-    @property
-    def first(self) -> PerImpact:
-        """When the first was, on the recording's clock [s]."""
-        first: np.ndarray = self.recorded.start + self.begin * self.recorded.dt
-        return first
-
-    @property
-    def value(self) -> Float[np.ndarray, "impact row"]:
-        """The samples, the zero taken off; past a row's end any values."""
-        return self.within(self.recorded.value - self.zero[:, None])
-
     def within(self, values: np.ndarray) -> np.ndarray:
         """Of all samples those in the windows, [impact, row]."""
-        index = self.begin[:, None] + np.arange(self.number.max())
-        return np.take_along_axis(values, np.minimum(index, values.shape[1] - 1), axis=1)
+        return np.take_along_axis(values, self.index, axis=1)
 
 
 def rows_within(
@@ -158,8 +143,9 @@ def rows_within(
     used = recorded.inside & (time >= begin) & (time <= last[:, None] + nearly)
     clear = first - earlier_s - _CLEAR * np.maximum(recorded.dt, signal.dt)
     n_quiet = (recorded.inside & (time < clear[:, None])).sum(axis=1)
-    moments = segment_moments(recorded.value, n_quiet)
-    return RowsWithin(recorded, used, used.argmax(axis=1), used.sum(axis=1), *moments, n_quiet)
+    number = used.sum(axis=1)
+    index = np.minimum(used.argmax(axis=1)[:, None] + np.arange(number.max()), used.shape[1] - 1)
+    return RowsWithin(used, index, number, *segment_moments(recorded.value, n_quiet), n_quiet)
 
 
 def tells_added_mass(force: PreparedForce, name: str) -> bool:
@@ -218,20 +204,21 @@ def prepared_force(
             return _SAID(f"unused.{reason}", at_limit=at_limit, impacts=len(dt), fewest=FEWEST_SAMPLES)
     if comparison.lags:
         return Coded.stated("channels-disagree.late", late=comparison.late)
-    length = int(rows.number.max())
+    length, begins = int(rows.number.max()), recorded.start + rows.index[:, 0] * dt
     if reach:
-        length += 2 + int(np.ceil(((rows.first - first + earliest) / dt).max()))
+        length += 2 + int(np.ceil(((begins - first + earliest) / dt).max()))
     as_recorded = replace(dataset.with_settings(recorder=recorder), traces=dataset.further[0])
     colour, rate, longer = recorded_noise(as_recorded, replace(signal, dt=dt), length)
     mass = signal.mass
     counts = rows.within(usable) & (np.arange(rows.number.max()) < rows.number[:, None])
+    value = rows.within(recorded.value - rows.zero[:, None]) / mass[:, None]
     to_length = ((0, 0), (0, length - counts.shape[1]))
     in_front = channel.tip_mass_kg / mass
     rows_of_force: Any = {
-        "y": np.pad(np.where(counts, rows.value / mass[:, None], 0.0), to_length),
+        "y": np.pad(np.where(counts, value, 0.0), to_length),
         "n_samples": rows.number,
         # Since contact as it was before the samples in contact were asked: these are to tell themselves.
-        "first_time": rows.first - (first - signal.contact.bracket_s),
+        "first_time": begins - (first - signal.contact.bracket_s),
         "dt": dt,
         # A force below the tissue has no tip.
         "tip": in_front if channel.place == "impactor" else None,

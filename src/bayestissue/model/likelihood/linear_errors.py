@@ -93,7 +93,10 @@ def marginal_log_likelihood(products: Products, errors: Errors) -> Float[Array, 
     solved = small.solve_lower(factor, right)
     explained = sum(value**2 for value in solved)
     log_density = -(products.log_scale + products.gram[0][0] - explained) / 2 - small.log_diagonal(factor)
-    return log_density + jnp.where(errors.uniform, _log_share(factor[-1][-1], solved[-1]), 0.0)
+    half, centre = factor[-1][-1], jnp.abs(solved[-1])
+    near, far = log_ndtr(half - centre), log_ndtr(-half - centre)
+    share = _LOG_ROOT_HALF_PI + near + jnp.log1p(-jnp.exp(far - near))
+    return log_density + jnp.where(errors.uniform, share, 0.0)
 
 
 def predicted_given(
@@ -145,12 +148,6 @@ def _system(products: Products, errors: Errors) -> tuple[list[list[Array]], list
 
     right = [scale[a] * entries[a + 1][0] for a in range(len(scale))]
     return small.cholesky(small.symmetric(len(scale), of_both)), right
-
-
-def _log_share(half: Array, centre: Array) -> Array:
-    """Log of (pi / 2)^1/2 times a standard normal's probability within ``half`` of ``centre``."""
-    near, far = log_ndtr(half - jnp.abs(centre)), log_ndtr(-half - jnp.abs(centre))
-    return _LOG_ROOT_HALF_PI + near + jnp.log1p(-jnp.exp(far - near))
 
 
 def from_lower_entries(entries: Sequence[Array]) -> list[list[Array]]:

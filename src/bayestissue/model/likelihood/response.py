@@ -58,20 +58,6 @@ class Response(NamedTuple):
         return Response(d, by_velocity, jerk, self.force)
 
 
-class ElementMotion(NamedTuple):
-    """The element's own motion at the samples, also past a row's end.
-
-    Attributes:
-        x: penetration [m].
-        v: its velocity [m/s].
-        d: deceleration, that is force over mass [m/s^2].
-    """
-
-    x: JaxPerSample
-    v: JaxPerSample
-    d: JaxPerSample
-
-
 def collision_of(
     element: Element, parameters: Float[Array, "parameter impact"], record: DecelerationRecord
 ) -> Collision:
@@ -81,24 +67,27 @@ def collision_of(
     return Collision(element, p, record.mass, record.velocity)
 
 
-def motion(collision: Collision, record: DecelerationRecord) -> ElementMotion:
-    """The impacts at the record's samples, contact as the record has it."""
+def motion(collision: Collision, record: DecelerationRecord) -> tuple[JaxPerSample, ...]:
+    """The element's own motion at the record's samples, also past a row's end; contact as the record has it.
+
+    Returns:
+        x, the penetration [m], its velocity [m/s], and the deceleration, that is force over mass [m/s^2].
+    """
     first, late = _after_contact(record) if record.lead else (record.first_time, jnp.zeros(()))
     sensor = _Sensor(collision, record)
     if record.uneven is not None:
-        return ElementMotion(*sensor.at_times(record.time())[:3])
+        return sensor.at_times(record.time())[:3]
     x, v, d, _ = sensor.on_grid(first, record.dt, record.d.shape[1])
     if not record.lead:
-        return ElementMotion(x, v, d)
+        return x, v, d
     # In flight until contact.
     index = jnp.arange(record.d.shape[1]) - late[:, None]
     x, v, d = (jnp.take_along_axis(part, jnp.maximum(index, 0), axis=1) for part in (x, v, d))
     since = jnp.minimum(first[:, None] + index * record.dt[:, None], 0.0)
     flies, speed, fall = index < 0, collision.velocity[:, None], record.gravity[:, None]
     here = speed * since + fall * since**2 / 2
-    return ElementMotion(
-        jnp.where(flies, here, x), jnp.where(flies, speed + fall * since, v), jnp.where(flies, 0.0, d)
-    )
+    v = jnp.where(flies, speed + fall * since, v)
+    return jnp.where(flies, here, x), v, jnp.where(flies, 0.0, d)
 
 
 @jax.custom_jvp
@@ -139,7 +128,7 @@ def _response(
 ) -> Response:
     inside = True if record.contact.reach else record.inside()
     force = None if record.force is None else _of_force(collision, record, record.force)
-    answered = _Sensor(collision, record, reading).by_velocity()
+    answered = _by_velocity(collision, lambda met: _Sensor(met, record, reading).at_samples())
     d, by_velocity, jerk = (jnp.where(inside, part, 0.0) for part in answered)
     return Response(d, by_velocity, jerk, force)
 
@@ -156,13 +145,6 @@ class _Sensor(NamedTuple):
     collision: Collision
     record: DecelerationRecord
     reading: Reading = Collision.deceleration
-
-    def by_velocity(self) -> tuple[Array, Array, Array]:
-        """A reading at the samples, its derivative by the velocity at contact, and its slope."""
-        return _by_velocity(self.collision, lambda velocity: self._at(velocity).at_samples())
-
-    def _at(self, velocity: Array) -> _Sensor:
-        return self._replace(collision=replace(self.collision, velocity=velocity))
 
     def at_samples(self) -> tuple[Array, Array]:
         """A reading and its slope at the samples."""
@@ -246,15 +228,19 @@ class _Sensor(NamedTuple):
 
 
 def _by_velocity(
-    collision: Collision, answer: Callable[[Array], tuple[Array, Array]]
+    collision: Collision, answer: Callable[[Collision], tuple[Array, Array]]
 ) -> tuple[Array, Array, Array]:
     """A reading, its derivative by the velocity at contact, and its slope, of what gives first and last."""
     velocity = collision.velocity
     if collision.element.linear and GRAVITY not in collision.parameters:
         # In proportion to the velocity at contact.
-        d, jerk = answer(velocity)
+        d, jerk = answer(collision)
         return d, d / velocity.reshape(-1, *[1] * (d.ndim - 1)), jerk
-    (d, jerk), (by_velocity, _) = jax.jvp(answer, (velocity,), (jnp.ones_like(velocity),))
+
+    def at(velocity: Array) -> tuple[Array, Array]:
+        return answer(replace(collision, velocity=velocity))
+
+    (d, jerk), (by_velocity, _) = jax.jvp(at, (velocity,), (jnp.ones_like(velocity),))
     return d, by_velocity, jerk
 
 
@@ -277,8 +263,8 @@ def _of_force(collision: Collision, record: DecelerationRecord, force: ForceRows
     known = Contact.known(jnp.zeros(len(begin), bool))
     grid = at_force(record, force)._replace(first_time=begin, contact=known)
 
-    def shifted(velocity: Array) -> tuple[Array, Array]:
-        d, jerk = _Sensor(replace(collision, velocity=velocity), grid, reading).at_samples()
+    def shifted(met: Collision) -> tuple[Array, Array]:
+        d, jerk = _Sensor(met, grid, reading).at_samples()
         into, interval = (later - whole)[..., None], force.dt[:, None, None]
 
         def at(values: Array, index: Array) -> Array:

@@ -15,11 +15,11 @@ from collections.abc import Iterator
 from typing import Any, NoReturn
 
 from formulae import resolver
-from formulae.expr import Binary, Call, Grouping, Literal, Unary, Variable
+from formulae.expr import Binary, Call, Grouping, Literal, QuotedName, Unary, Variable
 from formulae.parser import ParseError, Parser
 from formulae.scanner import Scanner
 from formulae.terms.call import Call as CallOfTerm
-from formulae.terms.call_resolver import CallResolver, LazyOperator, LazyValue, LazyVariable
+from formulae.terms.call_resolver import CallResolver
 from formulae.terms.terms import GroupSpecificTerm, Model, Term
 from formulae.terms.variable import Variable as VariableOfTerm
 from formulae.token import Token
@@ -264,7 +264,10 @@ class _Resolver(resolver.Resolver):
         return _ALGEBRA[symbol](left, right)
 
     def visitCallExpr(self, expr: Any) -> Any:  # noqa: N802
-        return Term(CallOfTerm(_CallResolver(expr).resolve()))
+        call = CallOfTerm(CallResolver(expr).resolve())
+        # Formulae's own loses parentheses and quotes.
+        call.name = _text(expr)
+        return Term(call)
 
 
 _ALGEBRA = {
@@ -286,52 +289,27 @@ def _bound(count: int) -> None:
         raise NotationError(f"it has {count} terms, and a design has {MOST_TERMS} at most")
 
 
-class _CallResolver(CallResolver):
-    """Formulae's, with parts whose text is read as the same again."""
-
-    def visitBinaryExpr(self, expr: Any) -> Any:  # noqa: N802
-        function = self.BINARY_OPERATORS[expr.operator.kind]
-        return _Arithmetic(function, expr.left.accept(self), expr.right.accept(self))
-
-    def visitUnaryExpr(self, expr: Any) -> Any:  # noqa: N802
-        return _Arithmetic(self.UNARY_OPERATORS[expr.operator.kind], expr.right.accept(self))
-
-    def visitVariableExpr(self, expr: Any) -> Any:  # noqa: N802
-        return _Column(expr.name.lexeme)
-
-    def visitQuotedNameExpr(self, expr: Any) -> Any:  # noqa: N802
-        return _Column(expr.expression.lexeme[1:-1])
-
-    def visitLiteralExpr(self, expr: Any) -> Any:  # noqa: N802
-        return LazyValue(expr.value, expr.lexeme or _number(expr.value))
-
-
-class _Arithmetic(LazyOperator):
-    """An operation whose text has the parentheses that it needs."""
-
-    @property
-    def binding(self) -> int:
-        return _BINDING[len(self.args), self.symbol]
-
-    def __str__(self) -> str:
-        if len(self.args) == 1:
-            return f"{self.symbol}{self._operand(0, self.binding)}"
-        power = self.symbol == "**"
-        left = self._operand(0, self.binding + power)
-        right = self._operand(1, _BINDING[1, "-"] if power else self.binding + 1)
-        return f"{left} {self.symbol} {right}"
-
-    def _operand(self, number: int, least: int) -> str:
-        """The text of an operand, in parentheses if it binds less than ``least``."""
-        part = self.args[number]
-        return f"({part})" if isinstance(part, _Arithmetic) and part.binding < least else str(part)
-
-
-class _Column(LazyVariable):
-    """A column whose text has the quotes that it needs."""
-
-    def __str__(self) -> str:
-        return quoted([self.name])
+def _text(part: Any, least: int = 0) -> str:
+    """Arithmetic as it is read again, in parentheses if it binds less than ``least``."""
+    match part:
+        case Grouping():
+            return _text(part.expression, least)
+        case Call():
+            return f"{part.callee.name.lexeme}({', '.join(map(_text, part.args))})"
+        case Variable():
+            return quoted([part.name.lexeme])
+        case QuotedName():
+            return quoted([part.expression.lexeme[1:-1]])
+        case Literal():
+            return str(part.lexeme or _number(part.value))
+    symbol, power = part.operator.lexeme, part.operator.lexeme == "**"
+    binds = _BINDING[len(_operands(part)), symbol]
+    if isinstance(part, Unary):
+        text = f"{symbol}{_text(part.right, binds)}"
+    else:
+        right = _text(part.right, _BINDING[1, "-"] if power else binds + 1)
+        text = f"{_text(part.left, binds + power)} {symbol} {right}"
+    return f"({text})" if binds < least else text
 
 
 def _number(value: float) -> str:
