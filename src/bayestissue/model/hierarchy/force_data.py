@@ -105,7 +105,7 @@ class RowsWithin(NamedTuple):
 
     Attributes:
         used: which samples of the recordings lie in the windows.
-        index: of these, [impact, row], the first one first; past a row's end of any samples.
+        sample: the numbers of these, [impact, row]; past a row's end any.
         number: how many each impact has.
         zero: mean of the quiet part.
         noise: its standard deviation.
@@ -113,7 +113,7 @@ class RowsWithin(NamedTuple):
     """
 
     used: Bool[np.ndarray, "impact sample"]
-    index: Int[np.ndarray, "impact row"]
+    sample: Int[np.ndarray, "impact row"]
     number: IndexPerImpact
     zero: PerImpact
     noise: PerImpact
@@ -121,7 +121,7 @@ class RowsWithin(NamedTuple):
 
     def within(self, values: np.ndarray) -> np.ndarray:
         """Of all samples those in the windows, [impact, row]."""
-        return np.take_along_axis(values, self.index, axis=1)
+        return np.take_along_axis(values, self.sample, axis=1)
 
 
 def rows_within(
@@ -204,7 +204,7 @@ def prepared_force(
             return _SAID(f"unused.{reason}", at_limit=at_limit, impacts=len(dt), fewest=FEWEST_SAMPLES)
     if comparison.lags:
         return Coded.stated("channels-disagree.late", late=comparison.late)
-    length, begins = int(rows.number.max()), recorded.start + rows.index[:, 0] * dt
+    length, begins = int(rows.number.max()), recorded.start + rows.sample[:, 0] * dt
     if reach:
         length += 2 + int(np.ceil(((begins - first + earliest) / dt).max()))
     as_recorded = replace(dataset.with_settings(recorder=recorder), traces=dataset.further[0])
