@@ -205,11 +205,9 @@ def _response(parameter: str, resolved: ResolvedFormula) -> ResponseDesign:
     log_mass = columns[:, names.index(MASS_TERM)] if MASS_TERM in names else None
     keep = [i for i, name in enumerate(names) if name != MASS_TERM]
     scale = columns[:, keep].std(axis=0)
-    terms = {term: _group_column(term, values) for term, values in resolved.groups.items()}
+    terms = {}
+    for term, values in resolved.groups.items():
+        unit = float(values.std()) if term.slope and term.slope != MASS_TERM else 1.0
+        terms[term] = GroupColumn(values / unit, unit)
     independent = tuple(names[i] for i in keep)
     return ResponseDesign(parameter, independent, columns[:, keep] / scale, scale, log_mass, terms)
-
-
-def _group_column(term: GroupTerm, values: np.ndarray) -> GroupColumn:
-    scale = float(values.std()) if term.slope and term.slope != MASS_TERM else 1.0
-    return GroupColumn(values / scale, scale)

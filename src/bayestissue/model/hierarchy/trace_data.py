@@ -199,7 +199,9 @@ def assemble(
         gain=gain_sd > 0,
     )
     effects, columns = population_design(design, priors, model.nuisance, masses)
-    record, peak = recordings.record_and_peak()
+    of_impact = kind == "impact"
+    record: Record = recordings.decelerations() if of_impact else recordings.displacements()
+    peak = np.abs(signal.deceleration).max(axis=1) if of_impact else signal.stop.x
     data = TraceData(
         record,
         jax.device_put(columns),
@@ -352,13 +354,8 @@ class _Recordings:
         """Standard deviation of the zero [m/s^2]: what a quiet part before contact tells, or as declared."""
         return self.signal.quiet.zero_sd(self.dataset.uncertainty.offset_sd)
 
-    def record_and_peak(self) -> tuple[Record, np.ndarray]:
-        """The traces with the standard deviations of their linear errors, and each trace's peak."""
-        if self.specification.likelihood == "impact":
-            return self._decelerations(), np.abs(self.signal.deceleration).max(axis=1)
-        return self._displacements(), self.signal.stop.x
-
-    def _displacements(self) -> DisplacementRecord:
+    def displacements(self) -> DisplacementRecord:
+        """The displacements, with the standard deviations of their linear errors."""
         dataset, signal, chain = self.dataset, self.signal, self.dataset.uncertainty
         level_sd = signal.velocity * signal.contact.sd
         # Along gravity a gain in error is an offset too, and a contact time a velocity.
@@ -375,7 +372,8 @@ class _Recordings:
         share = jnp.asarray(_share(chain.velocity_sd_m_s, velocity_sd))
         return record._replace(velocity=jnp.asarray(signal.velocity), velocity_share=share)
 
-    def _decelerations(self) -> DecelerationRecord:
+    def decelerations(self) -> DecelerationRecord:
+        """The decelerations, with the standard deviations of their linear errors."""
         dataset, signal, start = self.dataset, self.signal, self.signal.contact
         number = len(signal.dt)
         interval = signal.dt if self.reach else start.interval_s
@@ -421,7 +419,7 @@ class _Recordings:
         sixty samples 90 % intervals of Hunt and Crossley's C then held 85 %.
         """
         signal, reach = self.signal, self.reach
-        place = signal.phase.place if signal.phase.known else None
+        fraction = signal.phase.place if signal.phase.known else None
         before = np.pad(signal.before.value, ((0, 0), (max(0, reach - BEFORE), 0)))
         before = before[:, before.shape[1] - reach :]
         n_before = np.minimum(signal.before.n_samples, reach)
@@ -429,9 +427,9 @@ class _Recordings:
         if not colour.is_white:
             return Contact.anywhere(before, n_before, n_quiet=n_quiet)
         if self.has_discrepancy:
-            return Contact.anywhere(before, np.zeros_like(n_before), place=place)
+            return Contact.anywhere(before, np.zeros_like(n_before), fraction=fraction)
         noise_sd = np.maximum(signal.quiet.noise_sd, 1e-12)
-        return Contact.anywhere(before, n_before, noise_sd, place, n_quiet)
+        return Contact.anywhere(before, n_before, noise_sd, fraction, n_quiet)
 
     def _errors(self, of_contact: list[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray]:
         """Standard deviations of each impact's errors of the chain, and the velocity's share of the first.

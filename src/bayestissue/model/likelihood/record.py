@@ -86,20 +86,20 @@ class Contact(NamedTuple):
         before: Float[np.ndarray, "impact reach"],
         n_before: IndexPerImpact,
         quiet_sd: PerImpact | None = None,
-        place: float | None = None,
+        fraction: float | None = None,
         n_quiet: IndexPerImpact | int = 0,
     ) -> Contact:
         """In any of the intervals of ``before``; with the noise's standard deviation in a quiet part.
 
-        At one place in each of them, where that is known, with ``place`` as ``fraction``.
+        At one moment in each of them, where its ``fraction`` is known.
         """
         counts = np.arange(before.shape[1]) >= before.shape[1] - np.asarray(n_before)[:, None]
         early, density = np.where(counts, before, 0.0), np.zeros(len(before))
         if quiet_sd is not None:
             density = -(n_before * (LOG_2PI + 2 * np.log(quiet_sd)) + (early**2).sum(1) / quiet_sd**2) / 2
-        of_all = (place is None, n_quiet, 0.5 if place is None else place)
-        uniform, of_quiet, fraction = (np.full(len(before), value) for value in of_all)
-        parts: Any = (uniform, early, n_before, of_quiet, density, fraction)
+        of_all = (fraction is None, n_quiet, 0.5 if fraction is None else fraction)
+        uniform, of_quiet, within = (np.full(len(before), value) for value in of_all)
+        parts: Any = (uniform, early, n_before, of_quiet, density, within)
         return cls(*parts)
 
     @property
