@@ -26,10 +26,9 @@ from bayestissue.inference.chain.draws import ChainJob, chain_draws
 from bayestissue.inference.chain.ending import r_hat_limit
 from bayestissue.inference.chain.explanations import explanations
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
+from bayestissue.inference.checking.formula_checks import pooled_parameters, straight_lines
 from bayestissue.inference.checking.mass_checks import judge_added_mass
 from bayestissue.inference.checking.model_form import described, model_form, stated, with_impacts
-from bayestissue.inference.checking.pooled_parameters import pooled_parameters
-from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p, noise_p_of_both

@@ -11,7 +11,7 @@ from numpyro.infer import MCMC, NUTS
 from scipy.stats import norm
 
 import bayestissue as bt
-from bayestissue.inference.samplers.convergence import effective_size
+from bayestissue.inference.samplers.sampling import effective_size
 from bayestissue.recordings.dataset import Dataset
 from campaigns import simulated, spreads
 

@@ -19,7 +19,7 @@ from bayestissue.inference.chain.draws import ChainJob, chain_draws
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd
 from bayestissue.inference.chain.run import read_arrays, write_arrays
 from bayestissue.inference.chain.target import Target
-from bayestissue.inference.samplers.convergence import convergence
+from bayestissue.inference.samplers.sampling import convergence
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import Sampler
 from gaussian_traces import TOLD, GaussianTarget, MixtureTarget, from_prior, prepared, target_of

@@ -12,7 +12,7 @@ from bayestissue.inference.answers import predictions
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import headline, warned_codes, warnings
-from bayestissue.inference.checking.pooled_parameters import pooled_parameters
+from bayestissue.inference.checking.formula_checks import pooled_parameters
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.design import Design
 from designs import design_of

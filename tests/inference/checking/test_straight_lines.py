@@ -9,7 +9,7 @@ import xarray as xr
 
 from bayestissue.base.remedies import codes_in
 from bayestissue.inference.checking.findings import warned_codes, warnings
-from bayestissue.inference.checking.straight_lines import straight_lines
+from bayestissue.inference.checking.formula_checks import straight_lines
 from bayestissue.inference.results.meanings import few_valued_words
 from bayestissue.model.hierarchy.columns import few_valued
 from bayestissue.model.hierarchy.design import Design

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue.inference.samplers.convergence import TAILS, convergence, effective_size, elements_of
+from bayestissue.inference.samplers.sampling import TAILS, convergence, effective_size, elements_of
 
 pytestmark = pytest.mark.slow
 

@@ -37,7 +37,7 @@ from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, movin
 from bayestissue.inference.answers.meaning import as_number, average_notes, beyond_notes, takes_number
 from bayestissue.inference.answers.study import DRAWN, Study, simulated_step
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
-from bayestissue.inference.checking.pooled_parameters import pooled_parameters
+from bayestissue.inference.checking.formula_checks import pooled_parameters
 from bayestissue.inference.results.labels import variables
 from bayestissue.inference.results.meanings import COLUMNS
 from bayestissue.inference.samplers.sampling import interval

@@ -61,8 +61,7 @@ from bayestissue.inference.answers.study import Study
 from bayestissue.inference.checking.findings import ELEMENT_ALONE, of_element_alone
 from bayestissue.inference.results.meanings import MOSTLY
 from bayestissue.inference.results.summary import prior_overlap
-from bayestissue.inference.samplers.convergence import effective_size
-from bayestissue.inference.samplers.sampling import interval
+from bayestissue.inference.samplers.sampling import effective_size, interval
 
 FEWEST = 10
 

@@ -22,7 +22,7 @@ from bayestissue.base.results.files import whole_file
 from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.ending import LookVerdict, look
 from bayestissue.inference.chain.moves import Kernel
-from bayestissue.inference.samplers.convergence import Draws, convergence
+from bayestissue.inference.samplers.sampling import Draws, convergence
 from bayestissue.model.hierarchy.specification import Sampler
 
 _DIGEST = "sha256"

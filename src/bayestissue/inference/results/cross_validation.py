@@ -19,8 +19,7 @@ from scipy.special import logsumexp
 from bayestissue.base.arrays import PerDraw
 from bayestissue.base.errors import Coded
 from bayestissue.base.results.tables import joined
-from bayestissue.inference.samplers.convergence import effective_size, elements_of
-from bayestissue.inference.samplers.sampling import k_threshold
+from bayestissue.inference.samplers.sampling import effective_size, elements_of, k_threshold
 
 
 def above_limit(score: Any) -> Coded:

@@ -17,8 +17,7 @@ from jaxtyping import Float
 from bayestissue.base.errors import Coded
 from bayestissue.base.remedies import sentence
 from bayestissue.base.results.tables import columns_of
-from bayestissue.inference.samplers.convergence import convergence, elements_of, let_pass
-from bayestissue.inference.samplers.sampling import quantiles
+from bayestissue.inference.samplers.sampling import convergence, elements_of, let_pass, quantiles
 
 QUANTILES = {"eti50_low": 0.25, "eti50_high": 0.75, "eti90_low": 0.05, "eti90_high": 0.95, "median": 0.5}
 # Where an interval is none, a note is added later.
@@ -30,7 +29,7 @@ def summarise(posterior: xr.Dataset) -> pd.DataFrame:
 
     ``label`` joins the coordinates of the element's dimensions, such as ``7, s03``; the unit is the
     variable's attribute. R-hat and the effective sample sizes are those of
-    `bayestissue.inference.samplers.convergence`; ``mcse_mean``, the Monte Carlo standard error of the mean,
+    `bayestissue.inference.samplers.sampling`; ``mcse_mean``, the Monte Carlo standard error of the mean,
     is sd / ess^1/2 with the mean's effective sample size. ``never`` is the share of infinite draws, in which
     what the quantity is the time of never happens; mean and sd are then open. Of what has some draws only
     ("kept_draw"), drawn afresh for each of them, no chain has to be judged: its sample sizes and R-hat are

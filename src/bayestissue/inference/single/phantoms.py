@@ -118,24 +118,19 @@ def _reference(dataset: Dataset, phantoms: Dataset) -> Reference:
     common = float(np.nanmedian(np.maximum(variance - of_exact, 0.0)[stands]))
     stiffness, sd = (table[name].to_numpy(float)[stands] for name in REFERENCE)
     difference = np.log(stiffness / table["K_N_per_m"].to_numpy()[stands])
-    _require_near(dataset, stiffness, difference)
+    # A stiffness of another unit is refused.
+    refuse(
+        Problem.stated(
+            "reference-unfit.far", dataset.table, None, REFERENCE[0], known, estimate=known / factor,
+            factor=max(factor, 1 / factor),
+        )
+        for known in np.unique(stiffness)
+        if abs(np.log(factor := float(np.exp(np.median(difference[stiffness == known]))))) > np.log(_FAR)
+    )  # fmt: skip
     kinds = pd.Series(list(zip(stiffness, sd, strict=True))).factorize()[0]
     own = np.maximum(variance[stands] - common, of_exact[stands] / 4)
     by_phantoms = mass_factor(difference, own, common, sd / stiffness, kinds)
     return with_declared(by_phantoms, dataset.uncertainty.relative_mass_sd, table)
-
-
-def _require_near(dataset: Dataset, stiffness: np.ndarray, difference: np.ndarray) -> None:
-    """Refuse a stiffness of another unit; ``difference`` is log K_r - log K_i of each impact."""
-    wrong = [
-        Problem.stated(
-            "reference-unfit.far", dataset.table, None, REFERENCE[0], known, estimate=known / apart,
-            factor=max(apart, 1 / apart),
-        )
-        for known in np.unique(stiffness)
-        if abs(np.log(apart := float(np.exp(np.median(difference[stiffness == known]))))) > np.log(_FAR)
-    ]  # fmt: skip
-    refuse(wrong)
 
 
 def _variance(table: pd.DataFrame) -> np.ndarray:
