@@ -16,6 +16,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.base.arrays import PerImpact
 from bayestissue.base.errors import InputError
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.model.hierarchy.specification import ModelSpecification
@@ -140,9 +141,7 @@ def draws_of_fit(fit: Fit, where: tuple[str, int | None, str, str]) -> FittedDra
     return FittedDraws(single, float(fit.about["model"]["reference_mass_kg"]))
 
 
-def with_levels(
-    draws: FittedDraws, posterior: xr.Dataset, mass_kg: Float[np.ndarray, " impact"]
-) -> FittedDraws:
+def with_levels(draws: FittedDraws, posterior: xr.Dataset, mass_kg: PerImpact) -> FittedDraws:
     """Some of the draws, with those of the running study's people, conditions and masses beside them.
 
     Args:

@@ -14,6 +14,7 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Bool, Float
 
+from bayestissue.base.arrays import JaxPerSample, PerImpact, PerSample
 from bayestissue.base.outcomes import HEADFORM_COLUMNS
 from bayestissue.base.padding import bucket
 from bayestissue.base.results.tables import write_table
@@ -38,8 +39,6 @@ from bayestissue.studies.simulation.simulation_file import (
 
 # Of each impact a number, something at each sample or step of its motion, which samples are recorded, and the
 # values there, one impact's after another's.
-PerImpact = Float[np.ndarray, " impact"]
-Samples = Float[np.ndarray, "impact sample"]
 Steps = Float[np.ndarray, "impact step"]
 Recorded = Bool[np.ndarray, "impact sample"]
 Values = Float[np.ndarray, " recorded"]
@@ -49,7 +48,7 @@ _BLOCK = 1_000_000
 # Steps of the motion between two samples of a recorder with a low-pass, or in a period of its corner, and
 # time constants of the filter's slowest pole until it rests.
 _FINER, _AT_REST = 64, 25.0
-# Samples of noise before a filter in a period of its corner, at the least.
+# PerSample of noise before a filter in a period of its corner, at the least.
 _NOISE_FINER = 8
 # A soft damper in series with the spring lets a mass creep for ever: it is recorded for so long.
 _NEVER_RESTS_S = 1.0
@@ -332,7 +331,7 @@ def leaves(truth: pd.DataFrame) -> PerImpact:
 
 def deceleration(
     name: str, truth: pd.DataFrame, time: Float[np.ndarray, " sample"], gravity: float = 0.0
-) -> Float[Array, "impact sample"]:
+) -> JaxPerSample:
     """Force over mass, [impact, sample]: 0 before contact and once the force is 0.
 
     Args:
@@ -356,7 +355,7 @@ def deceleration(
     return impact(name, p, mass, velocity, since, **surroundings).deceleration[:, :samples]
 
 
-def tissue_force(name: str, truth: pd.DataFrame, deceleration: Samples, gravity: float = 0.0) -> Samples:
+def tissue_force(name: str, truth: pd.DataFrame, deceleration: PerSample, gravity: float = 0.0) -> PerSample:
     """The tissue's own force F [N], of this deceleration d of the impactor: (M + m) d - m g while it pushes.
 
     What tissue that moved along does once the impactor has left is not followed: F is 0 then.
@@ -485,7 +484,7 @@ class _Grid(NamedTuple):
     finer: int
     ring: int
 
-    def passed(self, motion: Steps, recorder: LowPassFilter | None) -> Samples:
+    def passed(self, motion: Steps, recorder: LowPassFilter | None) -> PerSample:
         """What a low-pass makes of a motion at these times, at the samples."""
         finer = self.finer
         if recorder is None or recorder.digital:

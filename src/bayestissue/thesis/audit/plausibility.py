@@ -17,13 +17,13 @@ from statsmodels.robust.norms import TukeyBiweight
 from statsmodels.robust.robust_linear_model import RLM
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
+from bayestissue.base.arrays import PerImpact
 from bayestissue.mechanics.oscillator import peak_displacement, time_to_peak
 from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.recordings.signal.integrals import trapezoids
 from bayestissue.thesis.reproduction.agreement import decimals
 
 # Something of each impact, and of each made-up blow over time.
-PerImpact = Float[np.ndarray, " impact"]
 Pulses = Float[np.ndarray, "pulse time"]
 # Of a made-up blow.
 _SAMPLES = 2001
@@ -71,12 +71,12 @@ class AuditedImpacts:
     digits: int
 
     @cached_property
-    def omega_n(self) -> Float[np.ndarray, " impact"]:
+    def omega_n(self) -> PerImpact:
         """ω_n = √(K/M), rad/s (thesis 2.12)."""
         return np.sqrt(self.rows["K"].to_numpy() / self.rows["mass_kg"].to_numpy())
 
     @cached_property
-    def zeta(self) -> Float[np.ndarray, " impact"]:
+    def zeta(self) -> PerImpact:
         """ζ = C / (2√(KM)) (thesis 2.12)."""
         rows = self.rows
         return rows["C"].to_numpy() / (2 * np.sqrt(rows["K"].to_numpy() * rows["mass_kg"].to_numpy()))
