@@ -102,7 +102,7 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
         rows = np.unique(np.linspace(0, rows[-1], MOST_IMPACTS).astype(int))
     part = some_of(prepared, rows)
     u = np.median(draws.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
-    middle = _variances(part, _middle(part, draws, np.median))
+    middle = _variances(part, draws, np.median)
     errors = trace_errors(part, u, _RIDGE * np.linalg.inv(sum(middle.scatter.values())))
     own_mass = part.model.own_mass_sd**2 * np.pad(np.ones((2, 2)), (0, u.shape[1] - 2))
     measured = {**errors, MASS: np.broadcast_to(own_mass, errors[NOISE].shape)}
@@ -122,7 +122,7 @@ def uncertainty_budget(prepared: Prepared, draws: Draws) -> pd.DataFrame:
     means: Account = {PERSON_AND_CONDITION: typical}
     if not many:
         # Variances of means are linear in those of the hyperparameters, whose posteriors have long tails.
-        middle = _variances(part, _middle(part, draws, lambda sd: np.sqrt(np.mean(sd**2))))
+        middle = _variances(part, draws, lambda sd: np.sqrt(np.mean(sd**2)))
         of_means = _of_means(middle._replace(measured=measured), _means(part))
         names = [*measured, *middle.scatter, *middle.effects]
         means = _with_masses({name: np.asarray(of_means[name]) for name in names}, draws)
@@ -138,14 +138,6 @@ def _with_masses(account: Account, draws: Draws) -> Account:
     if MASS_FACTOR not in draws.population:
         return account
     return {**account, MASS: account[MASS] + np.var(np.log(draws.population[MASS_FACTOR]))}
-
-
-def _middle(prepared: Prepared, draws: Draws, middle: Callable[[np.ndarray], np.floating]) -> Hyperparameters:
-    """The standard deviations at the middle of their draws, and the median correlation."""
-    hyperparameters = {name: middle(draws.population[name]) for name in prepared.model.hyperparameters}
-    if "residual_correlation" in hyperparameters:
-        hyperparameters["residual_correlation"] = np.median(draws.population["residual_correlation"])
-    return hyperparameters
 
 
 def _scatter(
@@ -192,8 +184,11 @@ class _Variances(NamedTuple):
         return dict.fromkeys({**self.measured, **self.scatter, **self.effects}, jnp.ones(()))
 
 
-def _variances(prepared: Prepared, hyperparameters: Hyperparameters) -> _Variances:
-    """The hierarchy at these standard deviations, without traces."""
+def _variances(prepared: Prepared, draws: Draws, middle: Callable[[np.ndarray], np.floating]) -> _Variances:
+    """The hierarchy without traces, at the middle of the standard deviations and the median correlation."""
+    hyperparameters = {name: middle(draws.population[name]) for name in prepared.model.hyperparameters}
+    if "residual_correlation" in hyperparameters:
+        hyperparameters["residual_correlation"] = np.median(draws.population["residual_correlation"])
     design, locations = prepared.data.design, prepared.model.locations
     # What each unknown standard deviation of effects is a source by.
     sources = {
