@@ -267,6 +267,7 @@ def _unquoted(token: Any) -> str:
 
 def _made(symbol: str, operands: list[Node], position: int, *, claim: bool) -> Operation:
     """An operation whose operands are all claims, or all numbers."""
+    symbol = _SAME.get(symbol, str(symbol))
     for operand in operands:
         if operand.claims != claim:
             actual = "a comparison" if operand.claims else "a number"
@@ -331,7 +332,7 @@ class _Maker:
 
     def choice(self, parts: list[Any]) -> Node:
         token, column, extreme, operand = parts
-        operation = _made(str(token), [operand], token.start_pos, claim=False)
+        operation = _made(token, [operand], token.start_pos, claim=False)
         name, lowest = as_name(_unquoted(column)), extreme == "lowest"
         return Choice(str(token), operation.operands, column.start_pos, operation.depth, name, lowest)
 
@@ -356,20 +357,18 @@ class _Maker:
             raise QuestionError(name.start_pos, str(name), expected)
         if name in OF_ONE and len(arguments) > 1:
             raise QuestionError(name.start_pos, f"{len(arguments)} numbers in {name}()", "one")
-        return _made(str(name), arguments, name.start_pos, claim=False)
+        return _made(name, arguments, name.start_pos, claim=False)
 
     def operation(self, parts: list[Any]) -> Node:
         left, token, right = parts
-        return _made(
-            _SAME.get(token, str(token)), [left, right], token.start_pos, claim=token in ("and", "or")
-        )
+        return _made(token, [left, right], token.start_pos, claim=token in ("and", "or"))
 
     def prefixed(self, parts: list[Any]) -> Node:
         token, operand = parts
         if token == "not":  # noqa: S105 - a word of the language
             return _made("not", [operand], token.start_pos, claim=True)
         zero = Number(0.0, token.start_pos)
-        return _made(_SAME.get(token, str(token)), [zero, operand], token.start_pos, claim=False)
+        return _made(token, [zero, operand], token.start_pos, claim=False)
 
     def compared(self, parts: list[Any]) -> Node:
         tokens, sides = parts[1::2], parts[::2]
@@ -378,14 +377,12 @@ class _Maker:
             if first[0] == last[0]:
                 _require_ascending(*((left, right) if first[0] == "<" else (right, left)))
         comparisons: list[Node] = [
-            _made(sign, list(pair), token.start_pos, claim=False)
-            for sign, token, pair in zip(signs, tokens, pairwise(sides), strict=True)
+            _made(token, list(pair), token.start_pos, claim=False)
+            for token, pair in zip(tokens, pairwise(sides), strict=True)
         ]
-        return (
-            comparisons[0]
-            if len(comparisons) == 1
-            else _made("and", comparisons, tokens[0].start_pos, claim=True)
-        )
+        if len(comparisons) == 1:
+            return comparisons[0]
+        return _made("and", comparisons, tokens[0].start_pos, claim=True)
 
     def between(self, parts: list[Any]) -> Node:
         middle, token, low, _, high = parts
