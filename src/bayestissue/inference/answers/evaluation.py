@@ -150,8 +150,11 @@ def _critical_velocities(node: Critical, study: Study) -> PerDraw:
     (claim,) = node.operands
     sign = 1.0 if claim.symbol in ("<", "<=") else -1.0
     chains, length = (study.draws.sizes[name] for name in DRAWN)
-    # As one chain, of which any draws can be chosen.
-    draws = study.draws.drop_dims("kept_draw", errors="ignore").stack(number=DRAWN).reset_index("number")
+    # As one chain, of which any draws can be chosen; of single impacts only what is asked.
+    needed = study.draws.drop_dims("kept_draw", errors="ignore")
+    named = {quantity.name for quantity in claim.quantities()}
+    needed = needed[[name for name in needed if name in named or "impact" not in needed[name].dims]]
+    draws = needed.stack(number=DRAWN).reset_index("number")
     draws = draws.drop_vars(DRAWN).rename(number="draw").expand_dims("chain").transpose(*DRAWN, ...)
 
     def difference(velocity: Float[np.ndarray, " draw"], numbers: Int[np.ndarray, " draw"]) -> np.ndarray:
