@@ -12,7 +12,7 @@ import bayestissue as bt
 from bayestissue.base.errors import InputError
 from bayestissue.inference.points.notes import PHANTOM, people_alone
 from bayestissue.inference.single import phantoms
-from bayestissue.inference.single.phantoms import apart, control_chart, prepare_without_phantoms
+from bayestissue.inference.single.phantoms import control_chart, prepare_without_phantoms, split_phantoms
 from bayestissue.recordings.dataset import Dataset
 from bayestissue.recordings.dataset.dataset_file import Uncertainty
 from bayestissue.recordings.dataset.impact_table import REFERENCE, counts, of_phantoms
@@ -50,16 +50,16 @@ def test_errors_of_mass_and_gain_must_be_declared() -> None:
     dataset, _ = with_phantom()
     assert of_phantoms(dataset.impacts).sum() == 6
     with pytest.raises(InputError) as error:
-        apart(dataset.with_settings(uncertainty=Uncertainty()))
+        split_phantoms(dataset.with_settings(uncertainty=Uncertainty()))
     assert {problem.column for problem in error.value.problems} == {
         "uncertainty.relative_mass_sd",
         "uncertainty.relative_gain_sd",
     }
     springs = dataset.select(of_phantoms(dataset.impacts))
     with pytest.raises(InputError, match="whose stiffness is not known"):
-        apart(springs)
+        split_phantoms(springs)
     people = dataset.select(~of_phantoms(dataset.impacts))
-    assert apart(people) == (people, None)
+    assert split_phantoms(people) == (people, None)
 
 
 def test_phantoms_are_counted_and_estimated_beside_people_and_not_as_people() -> None:
@@ -172,5 +172,5 @@ def test_a_stiffness_a_thousand_times_what_was_recorded_has_another_unit() -> No
     with pytest.raises(
         InputError, match=r"expected a stiffness like the \d{4} N/m .* factor of 1\d00"
     ) as refused:
-        apart(replace(dataset, impacts=impacts))
+        split_phantoms(replace(dataset, impacts=impacts))
     assert refused.value.problems[0].code == "reference-unfit"

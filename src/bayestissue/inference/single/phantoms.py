@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bayestissue.recordings.dataset import Dataset
 
 
-def apart(dataset: Dataset) -> tuple[Dataset, Reference | None]:
+def split_phantoms(dataset: Dataset) -> tuple[Dataset, Reference | None]:
     """The dataset of people alone, its masses without errors of their own; what phantoms say of the masses.
 
     The declared error of mass is then one factor of all masses. Of a dataset without phantoms it is as it
@@ -51,7 +51,7 @@ def _without_error(dataset: Dataset, sd: str) -> Dataset:
 def prepare_without_phantoms(
     dataset: Dataset, specification: ModelSpecification, *, source: str
 ) -> tuple[Dataset, Prepared]:
-    """The dataset of `apart`, ready for a fit, with what its phantoms say of the masses.
+    """The dataset of `split_phantoms`, ready for a fit, with what its phantoms say of the masses.
 
     Args:
         dataset: of a study, with phantoms or without.
@@ -59,14 +59,14 @@ def prepare_without_phantoms(
         source: the model file's name.
 
     Raises:
-        InputError: as of `apart` and `prepare`; the model takes the mass for each person's own, of which the
-            mass that hit a phantom says nothing.
+        InputError: as of `split_phantoms` and `prepare`; the model takes the mass for each person's own, of
+            which the mass that hit a phantom says nothing.
     """
     persons = []
     if specification.mass_error == "subject" and of_phantoms(dataset.impacts).any():
         persons = [Problem.stated("reference-unfit.person", source, None, "mass_error", "subject")]
     with along_with(persons):
-        people, reference = apart(dataset)
+        people, reference = split_phantoms(dataset)
     if persons:
         raise InputError(persons)
     return people, replace(prepare(people, specification, source=source), reference=reference)
