@@ -466,7 +466,7 @@ class FitJob:
             chain: what the traces say of their measuring chain.
         """
         prepared, form = self.prepared, analysis.diagnostics.get("model_form")
-        names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.clipped.any(axis=1)
+        names, limited = prepared.impacts["impact"].astype(str).tolist(), prepared.signal.limited
         # Tissue that is taken along at contact leaves the impactor another velocity than the stated one.
         if "added_mass" in analysis.diagnostics:
             flags = [[flag for flag in of_one if flag != ANOTHER_VELOCITY] for of_one in flags]

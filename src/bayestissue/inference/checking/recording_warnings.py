@@ -132,7 +132,7 @@ def missed_peaks(
     within = np.argmax(np.abs(signal.deceleration), axis=1) < signal.n_samples - 1
     above = recorded > STANDARD_GRAVITY * high + room
     below = within & (recorded < STANDARD_GRAVITY * low - room - jerk * signal.dt)
-    return (above | below) & ~signal.clipped.any(axis=1)
+    return (above | below) & ~signal.limited
 
 
 def judge_peaks(dataset: Dataset, prepared: Prepared, summary: pd.DataFrame) -> dict[str, Any]:

@@ -130,7 +130,7 @@ def thesis_table(inspected: Inspected) -> pd.DataFrame:
         inspected: with displacements as in the thesis (section 2.2) by the trapezoidal rule.
     """
     dataset, signal, _ = inspected
-    rows = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.clipped.any(axis=1)
+    rows = (signal.n_samples >= FEWEST_SAMPLES) & ~signal.uneven & ~signal.limited
     # Deviations from the mean of the window (section 2.3).
     inside = signal.inside
     mean = signal.x.sum(axis=1) / np.maximum(signal.n_samples, 1)
@@ -173,7 +173,7 @@ def another_peak(signal: Displacements, omega_n: PerImpact, zeta: PerImpact) -> 
     with np.errstate(invalid="ignore", divide="ignore"):
         implied = np.asarray(peak_displacement(omega_n, zeta, signal.velocity, signal.gravity))
         another = np.abs(implied / signal.stop.x - 1) > PEAK_DISAGREES
-    return another & ~signal.clipped.any(axis=1)
+    return another & ~signal.limited
 
 
 def always_noted(dataset: Dataset) -> dict[Coded, np.ndarray]:

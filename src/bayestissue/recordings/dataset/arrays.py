@@ -33,12 +33,7 @@ from bayestissue.recordings.dataset.impact_table import ImpactTable, impact_tabl
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.dataset.ragged_traces import Trace
 from bayestissue.recordings.dataset.read import checked_dataset, in_words
-from bayestissue.recordings.dataset.recorders import (
-    at_own_clock,
-    clocks_beside,
-    long_recordings,
-    on_first_clock,
-)
+from bayestissue.recordings.dataset.recorders import clocks_beside, long_recordings
 from bayestissue.recordings.dataset.recordings import Recordings
 from bayestissue.recordings.dataset.source_files import plain_text
 
@@ -100,9 +95,9 @@ def dataset(
         cells, rows = Records(names, body, range(len(body))).cells(required)
         table = impact_table(cells, rows, needs_velocity=needs_velocity)
         with along_with(table.problems):
-            label, recorded = _columns(traces, table, signal)
+            recorded = _columns(traces, table, signal)
             further = [_further(one, by_name, traces, table, settings) for one in settings.channel]
-        recordings = [long_recordings(label, recorded, table, settings, signal), *further]
+        recordings = [long_recordings(*recorded, table, settings, None), *further]
         data = checked_dataset(table, recordings, skip_bad=skip_bad)
         return replace(data, input_hash=_hash(settings, cells, recordings))
 
@@ -143,20 +138,17 @@ def _further(
     channel: ChannelSettings, channels: Any, traces: Any, table: ImpactTable, settings: Settings
 ) -> Recordings:
     """A further channel's recordings, its own or those in the long table of the first."""
-    first, channel_traces = settings.signal, channels[channel.name].get("traces")
-    signal = channel.as_signal(first)
+    signal, first = settings.signal_of(channel)
+    channel_traces, suffix = channels[channel.name].get("traces"), f" of the channel {channel.name}"
     if channel_traces is None and not isinstance(traces, pd.DataFrame):
         raise InputError.stated("array-shape.channel", _SINGLE, value="no traces", name=channel.name)
     if channel_traces is None:
-        label, columns = _columns(traces, table, signal, first)
-        columns, signal = at_own_clock(columns, signal, first, label)
-        return on_first_clock(long_recordings(label, columns, table, settings, signal), channel)
-    suffix = f" of the channel {channel.name}"
+        return long_recordings(*_columns(traces, table, signal, first), table, settings, channel)
     try:
         label, columns = _columns(channel_traces, table, signal)
     except InputError as error:
         raise InputError(replace(problem, file=problem.file + suffix) for problem in error.problems) from None
-    return on_first_clock(long_recordings(label + suffix, columns, table, settings, signal), channel)
+    return long_recordings(label + suffix, columns, table, settings, channel)
 
 
 def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:

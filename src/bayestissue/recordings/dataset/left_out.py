@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -22,19 +21,6 @@ COLUMNS = {
     "impact": "an impact of impacts.csv that is left out, or a recording that init left out",
     "reason": "why, in words; not empty",
 }
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """What a dataset's `left_out.csv` says.
-
-    Attributes:
-        by_impact: the problem that stands for each reason, by the impact.
-        warnings: names that `impacts.csv` does not have.
-    """
-
-    by_impact: dict[str, Problem]
-    warnings: tuple[Problem, ...] = ()
 
 
 def reasons(folder: Path) -> dict[str, str]:
@@ -62,20 +48,23 @@ def reasons(folder: Path) -> dict[str, str]:
     return by_impact
 
 
-def read_left_out(folder: Path, impacts: pd.Series) -> LeftOut:
-    """`left_out.csv` beside a table that has these ``impacts``.
+def read_left_out(folder: Path, impacts: pd.Series) -> tuple[list[Problem], list[Problem]]:
+    """The problem that stands for each reason of `left_out.csv`, beside a table that has these ``impacts``.
+
+    Returns:
+        Of the impacts that are left out, and, to warn of, of names that `impacts.csv` does not have.
 
     Raises:
         InputError: as of `reasons`.
     """
-    known, stated = set(impacts), {}
+    known: list[Problem] = []
+    unknown: list[Problem] = []
     for impact, reason in reasons(folder).items():
-        never = reason.startswith(NEVER_READ)
-        key = "stated" if impact in known else "never-read" if never else "unknown"
-        stated[impact] = Problem.stated(f"left-out.{key}", FILE, None, "reason", reason, impact=impact)
-        known |= {impact} if never else set()
-    strange = tuple(problem for impact, problem in stated.items() if impact not in known)
-    return LeftOut({impact: p for impact, p in stated.items() if impact in known}, strange)
+        there, never = impact in set(impacts), reason.startswith(NEVER_READ)
+        key = "stated" if there else "never-read" if never else "unknown"
+        problem = Problem.stated(f"left-out.{key}", FILE, None, "reason", reason, impact=impact)
+        (known if there or never else unknown).append(problem)
+    return known, unknown
 
 
 def reason_of(problem: Problem) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, Int8
+from jaxtyping import Bool, Float64, Int, Int8, Shaped
 
 from bayestissue.base.outline import counted, span
 from bayestissue.recordings.dataset.dataset_file import ChannelQuantity, Quantity
@@ -167,10 +167,26 @@ class Traces(Sequence[Trace]):
         """The mean sampling interval of each recording, s."""
         return self.duration / np.maximum(self.n_samples - 1, 1)
 
+    def greatest(self, values: Shaped[np.ndarray, " sample"]) -> np.ndarray:
+        """Of each recording the greatest of the values of its samples."""
+        return np.maximum.reduceat(values, self.begin)
+
+    def least(self, values: Shaped[np.ndarray, " sample"]) -> np.ndarray:
+        """Of each recording the least of the values of its samples."""
+        return np.minimum.reduceat(values, self.begin)
+
+    def total(self, values: Shaped[np.ndarray, " sample"]) -> np.ndarray:
+        """Of each recording the sum of the values of its samples, of truth values how many are true."""
+        return np.add.reduceat(values, self.begin, dtype=int if values.dtype == bool else None)
+
+    def first_where(self, condition: Bool[np.ndarray, " sample"]) -> IntPerImpact:
+        """Of each recording the first sample at which the condition holds."""
+        return self.least(np.where(condition, np.arange(condition.size), condition.size))
+
     @property
     def limited(self) -> BoolPerImpact:
         """Which recordings have a sample at the sensor's limit."""
-        return np.logical_or.reduceat(self.clipped != 0, self.begin)
+        return self.greatest(self.clipped != 0)
 
     @property
     def uneven(self) -> BoolPerImpact:
@@ -182,7 +198,7 @@ class Traces(Sequence[Trace]):
         even = np.repeat(self.time_s[self.begin], count) + np.repeat(step, count) * (
             np.arange(self.time_s.size) - np.repeat(self.begin, count)
         )
-        stray = np.maximum.reduceat(np.abs(self.time_s - even), self.begin)
+        stray = self.greatest(np.abs(self.time_s - even))
         uneven = ~(stray <= EVEN_WITHIN * step)
         for which in np.flatnonzero(uneven):
             uneven[which] = not _rounded(self[int(which)].time_s, step[which])
@@ -272,8 +288,7 @@ def at_limit(
 def _shared(traces: Traces, sign: int) -> float | None:
     """The greatest value of the recordings on one side, if it is a limit of several."""
     value = sign * traces.value
-    greatest = np.maximum.reduceat(value, traces.begin)
-    least = np.minimum.reduceat(value, traces.begin)
+    greatest, least = traces.greatest(value), traces.least(value)
     known = np.isfinite(greatest) & (greatest > 0.5 * -least) & (greatest > least)
     if known.sum() < 2:
         return None
@@ -283,7 +298,7 @@ def _shared(traces: Traces, sign: int) -> float | None:
     parts = [value[traces.begin[which] : traces.end[which]] for which in np.flatnonzero(same)]
     different = len({part.tobytes() for part in parts})
     count = sum(np.count_nonzero(part >= limit * (1 - LIMITS.same)) for part in parts)
-    step = _step(value[np.isfinite(value)], LIMITS.same * limit, otherwise=limit)
+    step = recorder_step(value[np.isfinite(value)], LIMITS.same * limit, otherwise=limit)
     below = np.count_nonzero(known & ~same & (greatest > limit - LIMITS.steps_below * step))
     several = different >= LIMITS.recordings or (different == 2 and count > LIMITS.samples)
     return float(sign * limit) if several and different > 3 * below else None
@@ -297,20 +312,20 @@ def _mark_plateaus(traces: Traces, quantity: Quantity | ChannelQuantity, clipped
     the upper side counts.
     """
     value = traces.value
-    ends = [np.maximum.reduceat(value, traces.begin), np.minimum.reduceat(value, traces.begin)]
+    ends = [traces.greatest(value), traces.least(value)]
     greatest = np.maximum(*np.abs(ends))
     for limit, sign in zip(ends[:1] if quantity == "displacement" else ends, (1, -1), strict=False):
-        count = np.add.reduceat((value == limit[traces.owner]).astype(int), traces.begin)
+        count = traces.total(value == limit[traces.owner])
         extreme = (np.abs(limit) > 0.5 * greatest) & (ends[0] > ends[1])
         for which in np.flatnonzero(extreme & (count >= LIMITS.plateau)):
             mine = value[traces.begin[which] : traces.end[which]]
             distance = np.abs(mine - limit[which])
-            near = LIMITS.steps_below * _step(mine, LIMITS.same * np.ptp(mine))
+            near = LIMITS.steps_below * recorder_step(mine, LIMITS.same * np.ptp(mine))
             if count[which] > 3 * np.count_nonzero((distance > 0) & (distance < near)) + 2:
                 clipped[traces.begin[which] : traces.end[which]][mine == limit[which]] = sign
 
 
-def _step(values: PerSample, rounding: float, otherwise: float = np.inf) -> float:
+def recorder_step(values: PerSample, rounding: float, otherwise: float = np.inf) -> float:
     """The recorder's step: the least difference of values that is more than ``rounding``."""
     steps = np.diff(np.unique(values))
     return float(steps[steps > rounding].min(initial=otherwise))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
@@ -26,7 +26,7 @@ from bayestissue.recordings.dataset.dataset_file import (
 )
 from bayestissue.recordings.dataset.impact_table import ImpactTable, impact_table, required_columns
 from bayestissue.recordings.dataset.left_out import FILE as LEFT_OUT
-from bayestissue.recordings.dataset.left_out import LeftOut, read_left_out
+from bayestissue.recordings.dataset.left_out import read_left_out
 from bayestissue.recordings.dataset.model import Dataset
 from bayestissue.recordings.dataset.plausible import PLAUSIBLE
 from bayestissue.recordings.dataset.ragged_traces import PerImpact
@@ -87,13 +87,14 @@ def _read(folder: Path, impacts: Path, *, skip_bad: bool, whole: bool) -> Datase
     settings, table = _tables(folder, impacts)
     with along_with(table.problems):
         recordings = read_recordings(folder, table, settings)
-        by_hand = LeftOut({}) if whole else read_left_out(folder, table.table["impact"])
+        by_hand, unknown = ([], []) if whole else read_left_out(folder, table.table["impact"])
     files = list(
         dict.fromkeys([folder / SETTINGS, impacts, *chain.from_iterable(r.paths for r in recordings)])
     )
     whole_hash = hashed = content_hash(files)
     if not whole and (folder / LEFT_OUT).exists():
         hashed = content_hash([*files, folder / LEFT_OUT])
+    table = replace(table, warnings=[*unknown, *table.warnings])
     data = checked_dataset(table, recordings, by_hand, skip_bad=skip_bad)
     return replace(data, folder=folder, input_hash=hashed, whole_hash=whole_hash)
 
@@ -115,7 +116,7 @@ def as_dataset(dataset: Dataset | str | Path) -> Dataset:
 def checked_dataset(
     table: ImpactTable,
     recordings: Sequence[Recordings],
-    by_hand: LeftOut | None = None,
+    by_hand: Sequence[Problem] = (),
     *,
     skip_bad: bool = False,
 ) -> Dataset:
@@ -124,38 +125,41 @@ def checked_dataset(
     Args:
         table: the impacts.
         recordings: of the first channel, and of each further one.
-        by_hand: the impacts that somebody left out.
+        by_hand: of the impacts that somebody left out.
         skip_bad: see `read_dataset`.
 
     Raises:
         InputError: as of `read_dataset`.
     """
-    by_hand = by_hand or LeftOut({})
-    chosen = list(by_hand.by_impact.values())
-    _refuse_none_left(chosen, table)
+    _refuse_none_left(by_hand, table)
     # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
     first, *others = (one.cropped.with_limits for one in recordings)
     settings, impacts = first.settings, table.table
-    first = check_recordings(first.without(chosen))
+    first = check_recordings(first.without(by_hand))
     problems = [*table.problems, *first.problems]
     problems += stated_problems(first.without(problems))
     sound = first.without(problems)
     further = [_checked_channel(*pair, sound) for pair in zip(settings.channel, others, strict=True)]
     problems += [problem for one in further for problem in one.problems]
-    problems = [problem for problem in problems if problem.impact not in by_hand.by_impact]
+    chosen = {problem.impact for problem in by_hand}
+    problems = [problem for problem in problems if problem.impact not in chosen]
     if problems and (not skip_bad or any(problem.impact is None for problem in problems)):
         raise InputError(problems)
-    problems = [*chosen, *problems]
+    problems = [*by_hand, *problems]
     _refuse_none_left(problems, table)
     bad = {problem.impact for problem in problems}
-    warnings = [*_falls_unsaid(settings.signal, impacts.columns), *by_hand.warnings]
-    warnings += [*table.warnings, *_falls_contradicted(settings.signal, table), *first.warnings]
+    warnings, heights = list(table.warnings), list(filter(is_height, map(str, impacts)))
+    if heights and "gravity" not in settings.signal.model_fields_set:
+        # Nothing says whether gravity acts along the motion.
+        value = f"a column {heights[0]}, and no signal.gravity"
+        warnings = [Problem.stated("gravity", SETTINGS, column="signal.gravity", value=value), *warnings]
+    warnings += [*_falls_contradicted(settings.signal, table), *first.warnings]
     keep = ~impacts["impact"].isin(list(bad)).to_numpy()
     return Dataset(
         settings.in_si(),
         impacts[keep].reset_index(drop=True),
-        first.of_kept(keep),
-        tuple(one.of_kept(keep) for one in further),
+        first.traces_of(keep),
+        tuple(one.traces_of(keep) for one in further),
         warnings=tuple(warning for warning in warnings if warning.impact not in bad),
         left_out=tuple(problems),
         rows=dict(zip(impacts["impact"], map(int, table.row), strict=True)),
@@ -178,14 +182,6 @@ def _checked_channel(channel: ChannelSettings, recordings: Recordings, first: Re
         recordings = replace(recordings, impacts=impacts)
     checked = check_recordings(recordings, OF_SAMPLES)
     return replace(checked, problems=[*checked.problems, *against_first(checked, first)])
-
-
-def _falls_unsaid(signal: SignalSettings, columns: Iterable[str]) -> Iterator[Problem]:
-    """A height of fall where nothing says whether gravity acts along the motion."""
-    heights = list(filter(is_height, columns))
-    if heights and "gravity" not in signal.model_fields_set:
-        value = f"a column {heights[0]}, and no signal.gravity"
-        yield Problem.stated("gravity", SETTINGS, column="signal.gravity", value=value)
 
 
 def _falls_contradicted(signal: SignalSettings, table: ImpactTable) -> Iterator[Problem]:
@@ -243,6 +239,6 @@ def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
     return settings, table
 
 
-def _refuse_none_left(problems: list[Problem], table: ImpactTable) -> None:
+def _refuse_none_left(problems: Sequence[Problem], table: ImpactTable) -> None:
     if problems and set(table.table["impact"]) <= {problem.impact for problem in problems}:
         raise InputError([*problems, Problem.stated("none-left", IMPACTS, value="none left")])

@@ -68,7 +68,7 @@ def read_recordings(folder: Path, table: ImpactTable, settings: Settings) -> lis
     recordings = [read(table, settings)]
     for channel in settings.channel:
         further = partial(_read_long, folder / channel.file) if channel.file else read
-        recordings.append(on_first_clock(further(table, settings, channel), channel))
+        recordings.append(further(table, settings, channel))
     return recordings
 
 
@@ -83,9 +83,9 @@ def _long_table(folder: Path, *, in_files: bool) -> Path | None:
     return folder / names[0] if names else None
 
 
-def on_first_clock(recordings: Recordings, channel: ChannelSettings) -> Recordings:
-    """A channel's recordings by the first channel's clock."""
-    return replace(recordings, time_s=recordings.time_s + channel.time_offset_s)
+def _on_first_clock(recordings: Recordings, channel: ChannelSettings | None) -> Recordings:
+    """A channel's recordings by the first channel's clock; those of the first, None, as they are."""
+    return replace(recordings, time_s=recordings.time_s + channel.time_offset_s) if channel else recordings
 
 
 def _read_long(
@@ -99,12 +99,11 @@ def _read_long(
         labels=["impact"],
         optional=partial(clocks_beside, signal, first),
     )
-    contents, signal = at_own_clock(contents, signal, first, path.name)
-    return replace(long_recordings(path.name, contents, table, settings, signal), paths=[path])
+    return replace(long_recordings(path.name, contents, table, settings, channel), paths=[path])
 
 
 def long_recordings(
-    file: str, contents: Contents, table: ImpactTable, settings: Settings, signal: SignalSettings
+    file: str, contents: Contents, table: ImpactTable, settings: Settings, channel: ChannelSettings | None
 ) -> Recordings:
     """The recordings in columns that were read already, sorted by impact.
 
@@ -113,8 +112,9 @@ def long_recordings(
         contents: impact, time and value of each sample, in their units.
         table: the impacts that there should be, in order.
         settings: what ``dataset.toml`` says.
-        signal: names of the channel's columns, units, scale and offset.
+        channel: a further one; None of the first.
     """
+    contents, signal = at_own_clock(contents, *settings.signal_of(channel), file)
     labels, recorded = contents.labels["impact"], _with_times(contents, signal)
     impacts = table.table["impact"].tolist()
     position = {name: index for index, name in reversed(list(enumerate(impacts)))}
@@ -135,7 +135,7 @@ def long_recordings(
     of_table = settings, signal, table.table, file, problems
     unsorted = Recordings.from_channel(recorded, count, *of_table)
     order, has = np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :], np.flatnonzero(count)
-    return unsorted.taken(order, has, count[has]).to_their_ends
+    return _on_first_clock(unsorted.taken(order, has, count[has]).to_their_ends, channel)
 
 
 def read_files(
@@ -182,7 +182,8 @@ def read_files(
             require_small(size, "the recordings together")
             pieces.append(piece)
     paths = list(dict.fromkeys(source.path for source in taken))
-    return Recordings.joined(pieces, settings, signal, impacts, "", problems, (), paths)
+    joined = Recordings.joined(pieces, settings, signal, impacts, "", problems, (), paths)
+    return _on_first_clock(joined, channel)
 
 
 def read_one(

@@ -1,8 +1,8 @@
 """What can be wrong with recordings, found on all samples of all impacts at once.
 
 Samples and clocks first; then whether a recording can be that of an impact on tissue, by its sign, size,
-length and greatest value, as `bayestissue.recordings.dataset.motion` has them; and recordings that stand
-twice.
+length and greatest value, as `bayestissue.recordings.dataset.recordings.Motion` has them; and recordings
+that stand twice.
 
 A further check is a function of `Recordings`, in a module of its own where it compares recordings as
 `bayestissue.recordings.dataset.twins` does, a line among the stages below, and its words in
@@ -60,7 +60,7 @@ def _clock_problems(recordings: Recordings) -> Iterator[Problem]:
     step = np.append(np.diff(time), np.inf)
     # The step from one recording's last sample to the next one's first means nothing.
     step[end - 1] = np.inf
-    back = np.flatnonzero(np.minimum.reduceat(step, begin) <= 0)
+    back = np.flatnonzero(recordings.least(step) <= 0)
     for which in back:
         at = begin[which] + np.argmax(step[begin[which] : end[which]] <= 0)
         later = f"{time[at + 1]:.9g} s"
@@ -143,7 +143,7 @@ def _clipped(recordings: Recordings) -> Iterator[Problem]:
     moving, quantity = recordings.moving, recordings.settings.signal.quantity
     limited, begin = recordings.clipped != 0, recordings.begin
     slowing = np.abs(recordings.value) > PLAUSIBLE.pulse * moving.farthest[recordings.owner]
-    left, count = (np.add.reduceat(some.astype(int), begin) for some in (slowing & ~limited, limited))
+    left, count = map(recordings.total, (slowing & ~limited, limited))
     plateau = count >= LIMITS.plateau
     no_place = recordings.settings.recorder is not None or quantity == "displacement"
     for which in np.flatnonzero(plateau & no_place | (count > 0) & (left < MIN_SAMPLES)):
@@ -195,7 +195,7 @@ def _speeds(recordings: Recordings) -> Iterator[Problem]:
     gain_sd, velocity_sd = uncertainty.relative_gain_sd, uncertainty.velocity_sd_m_s / velocity
     allowed = PLAUSIBLE.fall_within + 3 * (gain_sd + velocity_sd)
     # Contact may precede the first sample by an interval, and its jump may be as high as the peak.
-    allowed += (moving.step_loss + 3 * uncertainty.offset_sd * moving.duration) / velocity
+    allowed += (moving.step_loss + 3 * uncertainty.offset_sd * moving.pulse * recordings.interval) / velocity
     faster = known & (moving.gain > 0.5 * velocity) & (moving.gain > moving.loss)
     # How much speed was lost beyond the sensor's limit is not recorded.
     short = known & ~faster & ~recordings.limited
@@ -224,7 +224,7 @@ def _seconds_at_g(recordings: Recordings) -> PerImpact:
     """For how long each recording reads about gravity before its greatest deceleration, s."""
     earlier = np.arange(recordings.time_s.size) < recordings.moving.peak[recordings.owner]
     at_g = np.abs(np.abs(recordings.value) / STANDARD_GRAVITY - 1) < PLAUSIBLE.about_g
-    return np.add.reduceat((earlier & at_g).astype(np.float64), recordings.begin) * recordings.interval
+    return recordings.total(earlier & at_g) * recordings.interval
 
 
 def stated_problems(recordings: Recordings) -> Iterator[Problem]:
@@ -262,23 +262,23 @@ def against_first(recordings: Recordings, first: Recordings) -> Iterator[Problem
         recordings.time_s <= reference.time_s[reference.end - 1][mine]
     )
     recorded = reference.interpolated(recordings.time_s, mine)
-    count = np.add.reduceat(inside.astype(int), recordings.begin)
+    count = recordings.total(inside)
     apart = count < MIN_SAMPLES
     words = "{} of its samples while the first channel was recorded"
     yield from recordings.where(apart, "channel-unfit.apart", words, count, least=MIN_SAMPLES)
 
     def centred(values: PerSample) -> PerSample:
         values = np.where(inside, values, 0.0)
-        mean = np.add.reduceat(values, recordings.begin) / np.maximum(count, 1)
+        mean = recordings.total(values) / np.maximum(count, 1)
         return np.where(inside, values - mean[owner], 0.0)
 
     force, compared = centred(recordings.value), centred(recorded)
-    dead = ~apart & (np.maximum.reduceat(np.abs(force), recordings.begin) == 0)
+    dead = ~apart & (recordings.greatest(np.abs(force)) == 0)
     yield from recordings.where(
         dead, "constant-signal", "{:g} in every sample", recordings.value[recordings.begin]
     )
-    together = np.add.reduceat(force * compared, recordings.begin)
-    sizes = [np.sqrt(np.add.reduceat(one**2, recordings.begin)) for one in (force, compared)]
+    together = recordings.total(force * compared)
+    sizes = [np.sqrt(recordings.total(one**2)) for one in (force, compared)]
     correlation = together / np.maximum(sizes[0] * sizes[1], np.finfo(float).tiny)
     wrong = ~apart & ~dead & (correlation < 0)
     yield from recordings.where(wrong, "channel-unfit.sign", "a correlation of {:.2f}", correlation)

@@ -1,4 +1,4 @@
-"""Recordings as they were read: the file and the row of each sample, cropping, and what is wrong with one."""
+"""Recordings as they were read: where samples stand, cropping, how far each goes, what is wrong with one."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import pandas as pd
 from jaxtyping import Float64, Int, Shaped
 
 from bayestissue.base.errors import Problem
-from bayestissue.recordings.dataset.dataset_file import Settings, SignalSettings
+from bayestissue.recordings.dataset.dataset_file import Quantity, Settings, SignalSettings
 from bayestissue.recordings.dataset.formats.channel import Channel
-from bayestissue.recordings.dataset.motion import Motion, motion
+from bayestissue.recordings.dataset.plausible import PLAUSIBLE
 from bayestissue.recordings.dataset.ragged_traces import (
     BoolPerImpact,
     IntPerImpact,
@@ -71,6 +71,109 @@ def windows_of(impacts: pd.DataFrame, signal: SignalSettings) -> Float64[np.ndar
     """
     cells = np.stack([numbers_in(impacts, name) for name in CROP])
     return np.where(np.isfinite(cells), cells, np.array(ends_of(signal))[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How far, how fast and which way each recording goes, in SI units.
+
+    Attributes:
+        low, high: the least and greatest recorded value.
+        peak: where the greatest displacement stands, or the greatest deceleration.
+        extreme: the value farthest from the first one on the side to which the recording first goes, less
+            that first one. An impactor that has left the tissue may go farther than it came in.
+        pulse: how many samples exceed a tenth of the greatest deceleration; all, for displacements.
+        rise: from a tenth of the greatest deceleration, the last time before it, to the greatest, s; 0 for
+            displacements.
+        loss, gain: the greatest speed lost (gained) between any two moments, m/s; 0 for displacements.
+        pulse_loss: as ``loss``, but after taking off what the recording shows at its quieter end, so that
+            an offset over a long recording counts for little.
+        step_loss: the speed lost in one interval at the greatest deceleration, m/s.
+    """
+
+    low: PerImpact
+    high: PerImpact
+    peak: IntPerImpact
+    extreme: PerImpact
+    pulse: IntPerImpact
+    rise: PerImpact
+    loss: PerImpact
+    gain: PerImpact
+    pulse_loss: PerImpact
+    step_loss: PerImpact
+
+    @property
+    def farthest(self) -> PerImpact:
+        """The value farthest from 0, on either side."""
+        return np.maximum(np.abs(self.high), np.abs(self.low))
+
+
+def motion(traces: Traces, quantity: Quantity, gravity: float = 0.0) -> Motion:
+    """The figures of `Motion` for every recording.
+
+    Args:
+        traces: finite, at least two per recording, times rising.
+        quantity: what was recorded.
+        gravity: along the motion, m/s²: force over mass slows by so much less.
+    """
+    begin, end, owner = traces.begin, traces.end, traces.owner
+    slowing = traces.slowing(quantity).value
+    greatest = traces.greatest(slowing)
+    displaced = traces.value - traces.value[begin][owner]
+    farthest = traces.greatest(np.abs(displaced))[owner]
+    begins = traces.first_where(np.abs(displaced) >= PLAUSIBLE.begins * farthest)
+    side = np.where(displaced[begins] < 0, -1.0, 1.0)
+    interval = traces.interval
+    peak = traces.first_where(slowing == greatest[owner])
+    loss = gain = pulse_loss = rise = np.zeros(begin.size)
+    pulse = traces.n_samples
+    if quantity != "displacement":
+        above, position = slowing > PLAUSIBLE.pulse * greatest[owner], np.arange(owner.size)
+        pulse = traces.total(above)
+        below = np.where(~above & (position < peak[owner]), position, begin[owner])
+        rise = traces.time_s[peak] - traces.time_s[traces.greatest(below)]
+        # An offset can't add up to much over a recording that is hardly longer than the impact.
+        baseline = np.where(2 * pulse < traces.n_samples, _rest(traces, slowing), 0)
+        step = np.append(np.diff(traces.time_s), 0)
+        # The step from one recording to the next means nothing.
+        step[end - 1] = 0
+        loss = _climb(traces, slowing - gravity, step)
+        gain = _climb(traces, np.minimum(baseline, 0)[owner] - slowing, step)
+        pulse_loss = _climb(traces, slowing - np.maximum(baseline, 0)[owner] - gravity, step)
+    return Motion(
+        low=traces.least(traces.value),
+        high=traces.greatest(traces.value),
+        peak=peak,
+        extreme=side * traces.greatest(side[owner] * displaced),
+        pulse=pulse,
+        rise=rise,
+        loss=loss,
+        gain=gain,
+        pulse_loss=pulse_loss,
+        step_loss=np.maximum(greatest, 0) * interval,
+    )
+
+
+def _climb(traces: Traces, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
+    begin, owner = traces.begin, traces.owner
+    # In units of what each recording could reach at most, so that an absurd one can't drown the others.
+    unit = traces.greatest(np.abs(rate)) * traces.total(step)
+    unit = np.where(unit > 0, unit, 1)
+    trapezoids = 0.5 * (rate + np.append(rate[1:], 0)) * step / unit[owner]
+    total = np.concatenate([[0], np.cumsum(trapezoids)])[:-1]
+    # Each recording is moved below all earlier ones, so that the running minimum starts anew with it.
+    total -= total[begin][owner] + 4 * owner
+    return traces.greatest(total - np.minimum.accumulate(total)) * unit
+
+
+def _rest(traces: Traces, values: np.ndarray) -> np.ndarray:
+    # Of a recording's two ends, the level of the one nearer to zero: an offset, or less than one.
+    begin, end = traces.begin, traces.end
+    few = np.minimum(np.maximum(traces.n_samples // 50, 3), traces.n_samples)
+    total = np.concatenate([[0], np.cumsum(values)])
+    first = (total[begin + few] - total[begin]) / few
+    last = (total[end] - total[end - few]) / few
+    return np.where(np.abs(first) < np.abs(last), first, last)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +246,7 @@ class Recordings(Traces):
         if filled.all():
             return self
         at = np.arange(filled.size)
-        last = np.maximum.reduceat(np.where(filled, at, -1), self.begin)[self.owner]
+        last = self.greatest(np.where(filled, at, -1))[self.owner]
         return self.at((at <= last) | (last < 0))
 
     @property
@@ -159,7 +262,7 @@ class Recordings(Traces):
         for which in np.flatnonzero(left == 0):
             time, ends = self[int(which)].time_s, {"start": start[which], "stop": stop[which]}
             times = f"times from {time.min():.6g} to {time.max():.6g} s" if time.size else "no samples"
-            problems.append(self.problem("crop.nothing", which, times, **ends))
+            problems.append(self.problem("crop.nothing", which, times, column=None, **ends))
         return replace(self.at(keep), problems=[*self.problems, *problems])
 
     @property
@@ -176,7 +279,7 @@ class Recordings(Traces):
             return replace(self, clipped=clipped)
         value = self.value.copy()
         for sign in (1, -1):
-            limits = np.maximum.reduceat(np.where(np.isfinite(value), sign * value, -np.inf), self.begin)
+            limits = self.greatest(np.where(np.isfinite(value), sign * value, -np.inf))
             if stated is not None:
                 limits = np.maximum(limits, sign * stated[sign > 0])
             mine = at[np.sign(self.value[at]) == sign]
@@ -184,7 +287,7 @@ class Recordings(Traces):
         clipped[at] = np.sign(self.value[at])
         return replace(self, value=value, clipped=clipped)
 
-    def of_kept(self, keep: BoolPerImpact) -> Traces:
+    def traces_of(self, keep: BoolPerImpact) -> Traces:
         """The traces of the impacts that are kept, one truth value for each of ``impacts``."""
         part = self[keep[self.position]] if not keep.all() else self
         return Traces(part.time_s, part.value, part.start, clipped=part.clipped)
@@ -213,9 +316,7 @@ class Recordings(Traces):
         mine = pd.Index(self.name).isin(list(names))
         return self if mine.all() else self[mine]
 
-    def problem(
-        self, key: str, which: At, value: object, *, at: At | None = None, column: str = "", **numbers: Any
-    ) -> Problem:
+    def problem(self, key: str, which: At, value: object, *, at: At | None = None, **words: Any) -> Problem:
         """What is wrong with recording ``which``, at the sample ``at`` if it is one sample's fault.
 
         Args:
@@ -223,16 +324,20 @@ class Recordings(Traces):
             which: recording.
             value: what was found.
             at: which sample.
-            column: that of the values unless another is named.
-            numbers: in the message.
+            words: in the message; a ``column`` other than that of the values.
         """
         file = self.table or str(self.impacts["trace"].iloc[self.position[which]])
         row = None if at is None else int(self.row[at])
-        column = column or self.signal.value_column
-        return Problem.stated(key, file, row, column, value, impact=str(self.name[which]), **numbers)
+        where = {
+            "row": row,
+            "column": self.signal.value_column,
+            "value": value,
+            "impact": str(self.name[which]),
+        }
+        return Problem.stated(key, file, **where | words)
 
     def where(
-        self, wrong: BoolPerImpact, key: str, words: str, values: OfEach, *, column: str = "", **numbers: Any
+        self, wrong: BoolPerImpact, key: str, words: str, values: OfEach, **numbers: Any
     ) -> Iterator[Problem]:
         """A problem for each recording that is ``wrong``; arguments as of `problem`.
 
@@ -241,9 +346,8 @@ class Recordings(Traces):
             key: of the message.
             words: what is there instead, with braces for the number.
             values: that number of each recording.
-            column: that of the values unless another is named.
-            numbers: in the message; an array has one of each recording.
+            numbers: in the message, or the ``column``; an array has one of each recording.
         """
         for which in np.flatnonzero(wrong):
             here = {name: n[which] if isinstance(n, np.ndarray) else n for name, n in numbers.items()}
-            yield self.problem(key, which, words.format(values[which]), column=column, **here)
+            yield self.problem(key, which, words.format(values[which]), **here)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -69,21 +69,16 @@ def read_table(
     table = replace(parse(names, labels), columns=tuple(present))
     if numbers is not None:
         return table
-    columns = {name: _whole(name, c) for name, c in table.channels.items() if _holds_numbers(c)}
+    columns = {}
+    for name, column in table.channels.items():
+        known = np.flatnonzero(np.isfinite(column.values))
+        if not known.size or known.size < sum(bool(text.strip()) for text in column.text.values()):
+            continue
+        # Where other columns of the table are longer, empty cells stand behind the end of this one.
+        count, unit = int(known[-1]) + 1, column.unit or unit_in_name(name)
+        clock = None if column.clock is None else column.clock[:count]
+        columns[name] = replace(column, values=column.values[:count], clock=clock, unit=unit)
     return replace(table, channels=columns)
-
-
-def _holds_numbers(column: Channel) -> bool:
-    """Whether at least half of the filled cells hold a number, and any does."""
-    numbers = int(np.count_nonzero(np.isfinite(column.values)))
-    return numbers > 0 and numbers >= sum(bool(text.strip()) for text in column.text.values())
-
-
-def _whole(name: str, column: Channel) -> Channel:
-    """A column with its unit, without empty cells behind its end, where others of the table are longer."""
-    count = int(np.flatnonzero(np.isfinite(column.values))[-1]) + 1
-    clock = None if column.clock is None else column.clock[:count]
-    return replace(column, values=column.values[:count], clock=clock, unit=column.unit or unit_in_name(name))
 
 
 def _parse_text(
@@ -122,7 +117,10 @@ def _parse_text(
 
 
 def _parse(text: TextTable, label: str, types: dict[str, pa.DataType], least: int) -> pa.Table:
-    """The columns of a text whose rows have the ``least`` cells or more; those that lack are empty."""
+    """The columns of a text whose rows have the ``least`` cells or more, without empty rows at the end.
+
+    Cells that a row lacks are empty.
+    """
     ragged: list[tuple[int, int, str]] = []
     dialect = text.dialect
 
@@ -146,7 +144,10 @@ def _parse(text: TextTable, label: str, types: dict[str, pa.DataType], least: in
         raise InputError(ragged_problem(label, len(text.names), wrong, text.delimiter, header))
     if ragged:
         return _parse(_filled_up(text), label, types, len(text.names))
-    return _without_trailing_blanks(table)
+    rows = table.num_rows
+    while rows and all(column[rows - 1].as_py() in (None, "") for column in table.columns):
+        rows -= 1
+    return table.slice(0, rows)
 
 
 def _filled_up(text: TextTable) -> TextTable:
@@ -157,13 +158,6 @@ def _filled_up(text: TextTable) -> TextTable:
         cells + [""] * (len(text.names) - len(cells)) for cells in reader
     )
     return replace(text, body=memoryview(filled.getvalue().encode()))
-
-
-def _without_trailing_blanks(table: pa.Table) -> pa.Table:
-    rows = table.num_rows
-    while rows and all(column[rows - 1].as_py() in (None, "") for column in table.columns):
-        rows -= 1
-    return table.slice(0, rows)
 
 
 def _sifted(cells: pa.Array, dialect: Dialect) -> Channel:
@@ -188,7 +182,14 @@ def _parse_parquet(
 ) -> Contents:
     wanted = [*labels, *numbers]
     missing = column_problems(label, schema.names, wanted)
-    refuse([*missing, *_type_problems(label, schema, numbers, labels)])
+    types = dict(zip(schema.names, schema.types, strict=True))
+    unfit = [
+        Problem.stated(f"column-type.{key}", label, column=name, value=str(types[name]))
+        for key, names, fits in (("numbers", numbers, _numeric), ("names", labels, _of_names))
+        for name in filter(types.get, names)
+        if not fits(types[name])
+    ]
+    refuse([*missing, *unfit])
     # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
     once = [name for name in labels if _is_text(schema.field(name).type)]
     with decoded("parquet", label):
@@ -205,17 +206,6 @@ def _parse_parquet(
 
 def _is_text(kind: pa.DataType) -> bool:
     return pa.types.is_string(kind) or pa.types.is_large_string(kind)
-
-
-def _type_problems(
-    label: str, schema: pa.Schema, numbers: Sequence[str], labels: Sequence[str]
-) -> Iterator[Problem]:
-    """Columns of numbers that hold something else, and columns of names that hold neither text nor counts."""
-    types = dict(zip(schema.names, schema.types, strict=True))
-    for key, names, fits in (("numbers", numbers, _numeric), ("names", labels, _of_names)):
-        for name in filter(types.get, names):
-            if not fits(types[name]):
-                yield Problem.stated(f"column-type.{key}", label, column=name, value=str(types[name]))
 
 
 def _of_names(kind: pa.DataType) -> bool:

@@ -79,7 +79,12 @@ def build(folder: Path, recordings: RecorderFolder, facts: Facts, choices: Choic
     """
     problems = [*recordings.problems, *facts.problems]
     settings = choices.content(f"bayestissue init, from {counted(len(recordings.files), 'recorder file')}")
-    plan = _Plan(recordings, facts, choices, settings, _parsed(settings, problems))
+    try:
+        parsed = parse_settings(settings)
+    except InputError as error:
+        options = [replace(p, file="init", column=_option_of(p.column or "")) for p in error.problems]
+        raise InputError([*problems, *options]) from None
+    plan = _Plan(recordings, facts, choices, settings, parsed)
     rows = list(plan.rows(problems))
     if not rows:
         raise InputError(problems)
@@ -117,14 +122,6 @@ def _of_another_force(choices: Choices, problems: Iterable[Problem]) -> tuple[Ch
 def _impact_name(file: Source) -> str:
     """What the impact of a recording is called."""
     return f"{file.stem}_{file.part}" if file.part else file.stem
-
-
-def _parsed(settings: dict[str, Any], problems: list[Problem]) -> Settings:
-    try:
-        return parse_settings(settings)
-    except InputError as error:
-        options = [replace(p, file="init", column=_option_of(p.column or "")) for p in error.problems]
-        raise InputError([*problems, *options]) from None
 
 
 def _option_of(key: str) -> str | None:
@@ -299,16 +296,11 @@ class _Plan:
         for problem in map(_in_terms_of_init, problems):
             file = by_impact.get(problem.impact or "")
             if file is not None and problem.file == file.name and not self.choices.several:
-                problem = replace(problem, remedy=problem.remedy + self._several(file))
+                with suppress(InputError):
+                    if (count := len(cut(self.oriented(file)))) > 1:
+                        more = f" The recording seems to hold {count} impacts: --several cuts them apart."
+                        problem = replace(problem, remedy=problem.remedy + more)
             yield problem
-
-    def _several(self, file: RecorderFile) -> str:
-        """A further remedy where a recording seems to hold several impacts; else empty."""
-        with suppress(InputError):
-            count = len(cut(self.oriented(file)))
-            if count > 1:
-                return f" The recording seems to hold {count} impacts: --several cuts them apart."
-        return ""
 
 
 def cut(

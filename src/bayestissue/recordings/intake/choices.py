@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +23,7 @@ from bayestissue.recordings.dataset.ragged_traces import MIN_SAMPLES, RATE_WITHI
 from bayestissue.recordings.dataset.recorders import TIME
 from bayestissue.recordings.dataset.units import EXAMPLES, Dimension, dimension_of, to_si
 from bayestissue.recordings.intake.facts import Facts
-from bayestissue.recordings.intake.folder import ChannelSummary, RecorderFile, RecorderFolder
+from bayestissue.recordings.intake.folder import Candidates, ChannelSummary, RecorderFile, RecorderFolder
 
 _VOLTS = {"V", "mV", "Volt", "Volts", "volt", "volts"}
 _TIME = re.compile(rf"{TIME}\b|time_|seconds_elapsed", re.IGNORECASE)
@@ -297,7 +297,7 @@ def _asked_of(answers: Sequence[str], option: str) -> MissingFact:
     return MissingFact(f"--{option}", said(f"questions.{option}"), tuple(answers), answers[0])
 
 
-def _values_among(channels: Mapping[str, Sequence[ChannelSummary]], time: str | None) -> list[str]:
+def _values_among(channels: Candidates, time: str | None) -> list[str]:
     """The names of those that may hold the impact: no times, long enough, and of a unit that can be right."""
     times, rising = times_among(channels), _rising_among(channels)
     # What rises evenly is hardly an impact, whatever it is called.
@@ -312,12 +312,12 @@ def _values_among(channels: Mapping[str, Sequence[ChannelSummary]], time: str | 
     return [name for name, kind in kinds.items() if not (known and kind == "other")]
 
 
-def _rising_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]:
+def _rising_among(channels: Candidates) -> list[str]:
     """The names of those whose values rise evenly in every file, as times do."""
     return [name for name, files in channels.items() if all(one.steps and one.steps.rises for one in files)]
 
 
-def _time(channels: Mapping[str, Sequence[ChannelSummary]], channel: str | None) -> str | MissingFact:
+def _time(channels: Candidates, channel: str | None) -> str | MissingFact:
     """The channel with the times; else the question which it is, or for a rate where none can be.
 
     Of several, each in front of values of its own, the last one before those of the channel.
@@ -400,7 +400,7 @@ def _kind_of(units: Iterable[str]) -> str:
     return kind if kind and not others else "voltage" if units <= _VOLTS else "other"
 
 
-def times_among(channels: Mapping[str, Sequence[ChannelSummary]]) -> list[str]:
+def times_among(channels: Candidates) -> list[str]:
     """The names of those that go up in every file, and are named for times or have a unit of time."""
     return [
         name

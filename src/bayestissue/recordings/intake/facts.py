@@ -160,7 +160,9 @@ class _FactTable:
     def _is_of(self, row: Mapping[str, str], file: RecorderFile, from_name: Mapping[str, str]) -> bool:
         """Whether a row is of a file: by its name, or by what that says."""
         if not self.keys:
-            return row[FILE] in _possible_names(file)
+            part = f"#{file.source.part}" if file.source.part else ""
+            names = file.name, file.source.stem + part
+            return row[FILE] in {*names, *(PurePosixPath(name).name for name in names)}
         return all(row[key] and _alike(row[key]) == _alike(from_name[key]) for key in self.keys)
 
     def unused(self, recordings: Iterable[Cells]) -> tuple[str, ...]:
@@ -213,10 +215,3 @@ def told_by(table: Source) -> list[str]:
     cells, _ = read_cells(table)
     names = with_subject(_in_standard_case(cells))
     return [name for name in names if name not in (FILE, NUMBER)] if FILE in names else []
-
-
-def _possible_names(file: RecorderFile) -> set[str]:
-    """The ways in which a table may call a file."""
-    part = f"#{file.source.part}" if file.source.part else ""
-    names = {file.name, file.source.stem + part}
-    return names | {PurePosixPath(name).name for name in names}

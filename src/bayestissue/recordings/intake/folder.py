@@ -77,6 +77,9 @@ class ChannelSummary:
     steps: RisingSteps | None
 
 
+type Candidates = dict[str, list[ChannelSummary]]
+
+
 @dataclass(frozen=True)
 class RecorderFile:
     """One recorder file, or a part of one: a sheet of a workbook, or a block of LabVIEW's text.
@@ -113,9 +116,9 @@ class RecorderFolder:
     problems: tuple[Problem, ...]
     passed_over: tuple[str, ...] = ()
 
-    def candidates(self) -> dict[str, list[ChannelSummary]]:
+    def candidates(self) -> Candidates:
         """The channels by name, each as it is in every file that has one of that name."""
-        candidates: dict[str, list[ChannelSummary]] = {}
+        candidates: Candidates = {}
         for file in self.files:
             for name, channel in file.channels.items():
                 candidates.setdefault(name, []).append(channel)
@@ -185,11 +188,11 @@ def _listed(source: Source, contents: Contents) -> list[RecorderFile]:
 
 
 def _summaries(contents: Contents) -> dict[str, ChannelSummary]:
-    channels, first = contents.channels.items(), contents.first_row
-    steps = {name: RisingSteps.from_values(c.values, first) for name, c in channels}
-    return {
-        name: ChannelSummary(c.unit, c.values.size, c.clock is not None, steps[name]) for name, c in channels
-    }
+    summaries = {}
+    for name, c in contents.channels.items():
+        steps = RisingSteps.from_values(c.values, contents.first_row)
+        summaries[name] = ChannelSummary(c.unit, c.values.size, c.clock is not None, steps)
+    return summaries
 
 
 def _sheets(file: Source, each: bool | None, passed_over: dict[str, list[str]]) -> list[Source]:

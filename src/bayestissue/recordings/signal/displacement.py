@@ -186,7 +186,7 @@ class Displacements(ImpactTraces):
         def below_limit(n: Index) -> Index:
             return (samples_before(self.clipped, n) & ~self.at_limit).sum(axis=1)
 
-        longer = self.at_limit.any(axis=1) & (below_limit(n) < WINDOW.few_below)
+        longer = self.limited & (below_limit(n) < WINDOW.few_below)
         slowly = ~longer & (below_limit(n) < FEWEST_SAMPLES) & (options.window == "peak") & self.stop.reached
         if (longer | slowly).any():
             # What the sensor did not see on the way in stands on the way back.
@@ -373,7 +373,7 @@ def _integrated(
     parts: Any = {"contact": start, "stop": stop, "quiet": quiet, "before": Before.of(recordings, onset)}
     signal = Displacements(**vars(recorded), x=x, v=v, **parts).over_window(options, flags, notes)
     # Beyond the sensor's limit a trace is what a spring and damper makes of it: it tells nothing of contact.
-    bracketed &= (part.clipped == 0).all(axis=1)
+    bracketed &= ~part.limited
     # Nor does one that begins with its greatest force, of heavily damped tissue: what falls from there on
     # falls the same way whenever it began, and least squares have too small an error.
     bracketed &= d[:, 0] < CONTACT.most_jump * part.filled(0.0).max(axis=1)

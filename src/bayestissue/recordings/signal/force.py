@@ -72,6 +72,7 @@ class Force:
         ratio_sd: its standard error.
         lag: l [s].
         lag_sd: its standard error [s].
+        left: the sum of squares that r, l and b leave [N^2].
         dt: sampling interval [s].
         declared_sd: of r, by what is declared of the mass and of both gains.
         mass: M - m of each impact [kg].
@@ -90,6 +91,7 @@ class Force:
     ratio_sd: Column
     lag: Column
     lag_sd: Column
+    left: Column
     dt: Column
     declared_sd: float
     mass: Column
@@ -211,7 +213,7 @@ def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements)
     to_peak, at_contact = signal.time_to_peak[:, None], impulse(np.zeros_like(V))
     lost = mass * (V + signal.gravity[:, None] * to_peak)
     last = np.where(force.inside, times, -np.inf).max(axis=1, keepdims=True)
-    whole = (inside.sum(axis=1) >= FEWEST_SAMPLES) & (last >= to_peak)[:, 0] & ~force.at_limit.any(axis=1)
+    whole = (inside.sum(axis=1) >= FEWEST_SAMPLES) & (last >= to_peak)[:, 0] & ~force.limited
     ratio = np.where(whole, ((impulse(to_peak) - at_contact) / lost)[:, 0], np.nan)
     chain, no_lag = dataset.uncertainty, np.full(len(ratio), np.nan)
     declared = float(np.hypot(chain.relative_mass_sd, channel.relative_gain_sd))
@@ -225,6 +227,7 @@ def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements)
         np.abs(ratio) * chain.velocity_sd_m_s / V[:, 0],
         no_lag,
         no_lag,
+        no_lag,
         signal.dt,
         declared,
         mass[:, 0],
@@ -235,47 +238,10 @@ def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements)
 def _forces(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
     """The force against mass times deceleration."""
     beside = _Beside(dataset, channel, signal)
-    curve, since_contact, inside = beside.curve, beside.since_contact, beside.inside
-    matched = beside.matched(since_contact)
-    if (lost := matched.whole & (np.abs(matched.lag) > 0.99 * curve.reach[:, 0])).any():
-        apart = np.where(lost, beside.most_alike(), 0.0)
-        matched = beside.matched(since_contact - apart[:, None])
-        matched = replace(matched, lag=matched.lag + apart)
-    chain = dataset.uncertainty
-    force = Force(
-        channel=channel,
-        since_contact=since_contact,
-        value=beside.force.value - np.where(matched.whole, matched.zero, 0.0)[:, None],
-        expected=np.where(inside, curve.at(since_contact), 0.0),
-        inside=inside,
-        ratio=matched.ratio,
-        ratio_sd=matched.ratio_sd,
-        lag=np.where(matched.whole, matched.lag, np.nan),
-        lag_sd=matched.lag_sd,
-        dt=beside.force.dt,
-        declared_sd=math.hypot(chain.relative_mass_sd, chain.relative_gain_sd, channel.relative_gain_sd),
-        mass=curve.mass[:, 0],
-    )
-    return replace(force, corner_hz=beside.mistaken(matched)) if force.lags else force
-
-
-@dataclass(frozen=True, eq=False)
-class _Matched:
-    """What least squares make of a force: see `Force`.
-
-    Attributes:
-        zero: b [N].
-        left: the sum of squares that is left [N^2].
-        whole: which impacts have samples enough.
-    """
-
-    ratio: Column
-    ratio_sd: Column
-    lag: Column
-    lag_sd: Column
-    zero: Column
-    left: Column
-    whole: Bool[np.ndarray, " impact"]
+    force = beside.compared(np.zeros(len(signal.mass)))
+    if (lost := np.abs(force.lag) > 0.99 * beside.curve.reach[:, 0]).any():
+        force = beside.compared(np.where(lost, beside.most_alike(), 0.0))
+    return replace(force, corner_hz=beside.mistaken(force)) if force.lags else force
 
 
 class _Beside:
@@ -297,19 +263,20 @@ class _Beside:
         if channel.recorder != dataset.recorder:
             slowing = _passed(slowing, channel.recorder, 0.0)
             force = _passed(force, dataset.recorder, _first_mean(force, signal.contact_time_s))
-        self.force, self.slowing, self.signal, self.tip_mass_kg = force, slowing, signal, channel.tip_mass_kg
+        self.force, self.slowing, self.signal = force, slowing, signal
+        self.channel, self.uncertainty = channel, dataset.uncertainty
         self.curve = _Expected(slowing, signal, channel.tip_mass_kg)
         self.since_contact = (force.start - signal.contact_time_s)[:, None] + force.time_s
         self.usable = force.inside & ~force.at_limit
         self.inside = self.usable & self.curve.covers(self.since_contact)
 
-    def matched(self, since_contact: Rows) -> _Matched:
-        """What least squares make of samples at these times, by Newton's iteration from no lag."""
-        curve = self.curve
+    def compared(self, apart: Column) -> Force:
+        """What least squares make of the force, by Newton's iteration from where it is so late [s]."""
+        curve, since_contact = self.curve, self.since_contact - apart[:, None]
         inside = self.usable & curve.covers(since_contact)
         count = inside.sum(axis=1)
         # At the sensor's limit d is not what it was.
-        whole = (self.signal.clipped == 0).all(axis=1) & (count >= FEWEST_SAMPLES)
+        whole = ~self.signal.limited & (count >= FEWEST_SAMPLES)
         noise = count * (curve.mass[:, 0] * self.signal.quiet.noise_sd) ** 2
         values = np.where(inside, self.force.value, 0.0)
         # r (F(t - l) - e F'(t - l)) + b is linear in r, r e and b; e is what l lacks.
@@ -320,9 +287,23 @@ class _Beside:
             columns = np.where(inside[..., None], columns, 0.0)
             coefficients, errors, left = _least_squares(columns, values, count, noise, whole)
             ratio, moved, zero = coefficients
-            ratio_sd, moved_sd, _ = errors
             lag = np.clip(lag + np.nan_to_num(moved / ratio), -curve.reach[:, 0], curve.reach[:, 0])
-        return _Matched(ratio, ratio_sd, lag, moved_sd / np.abs(ratio), zero, left, whole)
+        chain, channel = self.uncertainty, self.channel
+        return Force(
+            channel=channel,
+            since_contact=self.since_contact,
+            value=self.force.value - np.where(whole, zero, 0.0)[:, None],
+            expected=np.where(self.inside, curve.at(self.since_contact), 0.0),
+            inside=self.inside,
+            ratio=ratio,
+            ratio_sd=errors[0],
+            lag=np.where(whole, lag + apart, np.nan),
+            lag_sd=errors[1] / np.abs(ratio),
+            left=np.where(whole, left, np.nan),
+            dt=self.force.dt,
+            declared_sd=math.hypot(chain.relative_mass_sd, chain.relative_gain_sd, channel.relative_gain_sd),
+            mass=curve.mass[:, 0],
+        )
 
     def most_alike(self) -> Column:
         """By what the force is behind where its correlation with the expected one has it [s]."""
@@ -341,31 +322,32 @@ class _Beside:
         best = np.where(enough, alike, -1.0).argmax(axis=0)
         return shifts[np.arange(len(best)), best]
 
-    def mistaken(self, matched: _Matched) -> float:
+    def mistaken(self, force: Force) -> float:
         """The corner of a low-pass that leaves much less of the force than a lag, Hz; infinite of a drift.
 
         What runs away goes on with time, or with the impulse so far, as behind a charge amplifier.
         """
-        since_contact, inside, force, slowing = self.since_contact, self.inside, self.force, self.slowing
-        values, ones = np.where(inside, force.value, 0.0), np.ones_like(since_contact)
+        since_contact, inside, recorded, slowing = self.since_contact, self.inside, self.force, self.slowing
+        values, ones = np.where(inside, recorded.value, 0.0), np.ones_like(since_contact)
         expected, count = self.curve.at(since_contact), inside.sum(axis=1)
 
         def left(values: np.ndarray, *columns: np.ndarray) -> float:
             stacked = np.where(inside[..., None], np.stack([*columns, ones], axis=-1), 0.0)
-            squares = _least_squares(stacked, values, count, np.zeros(len(values)), matched.whole)[2]
-            return float(np.nanmedian(np.where(matched.whole, squares / matched.left, np.nan)))
+            known = np.isfinite(force.left)
+            squares = _least_squares(stacked, values, count, np.zeros(len(values)), known)[2]
+            return float(np.nanmedian(squares / force.left))
 
         impulse = np.cumsum(np.where(inside, expected, 0.0), axis=1)
         least = {math.inf: left(values, expected, since_contact, impulse)}
-        late = np.nanmedian(np.where(matched.whole, matched.lag, np.nan)) > 0
-        dt, zero = slowing.dt if late else force.dt, _first_mean(force, self.signal.contact_time_s)
+        late = np.nanmedian(force.lag) > 0
+        dt, zero = slowing.dt if late else recorded.dt, _first_mean(recorded, self.signal.contact_time_s)
         for corner in _CORNERS_HZ[0.2 / np.max(dt) > _CORNERS_HZ]:
             low_pass = LowPassFilter(low_pass_hz=float(corner))
             if late:
-                passed = _Expected(_passed(slowing, low_pass, 0.0), self.signal, self.tip_mass_kg)
+                passed = _Expected(_passed(slowing, low_pass, 0.0), self.signal, self.channel.tip_mass_kg)
                 least[corner] = left(values, passed.at(since_contact))
             else:
-                filtered = np.where(inside, _passed(force, low_pass, zero).value, 0.0)
+                filtered = np.where(inside, _passed(recorded, low_pass, zero).value, 0.0)
                 least[corner] = left(filtered, expected)
         best = min(least, key=lambda corner: least[corner])
         return best if least[best] < _LEFT else 0.0

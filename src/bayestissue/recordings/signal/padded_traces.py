@@ -76,6 +76,11 @@ class PaddedTraces:
         return self.clipped != 0
 
     @property
+    def limited(self) -> Mask:
+        """Which rows, [impact], have a sample at the sensor's limit."""
+        return self.at_limit.any(axis=1)
+
+    @property
     def inside(self) -> Mask:
         """True where there is a sample."""
         return samples_before(self.value, self.n_samples)

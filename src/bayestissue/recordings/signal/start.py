@@ -332,7 +332,7 @@ def beyond_limit(decelerations: ImpactTraces, bracket: tuple[Column, Column]) ->
         bracket: [impact], from contact to the first sample, s, at the least and at the most.
     """
     whole, clipped = decelerations.value.copy(), decelerations.clipped
-    for row in np.flatnonzero(clipped.any(axis=1)):
+    for row in np.flatnonzero(decelerations.limited):
         here = slice(0, decelerations.n_samples[row])
         d, sign = whole[row, here], clipped[row, here]
         fitted = _fitted(decelerations, int(row), (float(bracket[0][row]), float(bracket[1][row])))

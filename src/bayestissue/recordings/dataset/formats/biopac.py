@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import logging
-from typing import Any
 
 import numpy as np
 
@@ -40,9 +39,8 @@ def read(data: bytes, label: str) -> Contents:
     require_small(8.0 * sum(channel.point_count for channel in headers.datafile.channels), label)
     recorded = Reader.read(io.BytesIO(data)).datafile.channels
     names = unique((channel.name.strip() for channel in recorded), "channel")
-    return Contents(dict(zip(names, map(_channel, recorded), strict=True)))
-
-
-def _channel(channel: Any) -> Channel:
-    values, rate = np.asarray(channel.data, dtype=np.float64), float(channel.samples_per_second)
-    return Channel(values, clock_of(rate, values.size), channel.units.strip())
+    channels = {}
+    for name, channel in zip(names, recorded, strict=True):
+        values, rate = np.asarray(channel.data, dtype=np.float64), float(channel.samples_per_second)
+        channels[name] = Channel(values, clock_of(rate, values.size), channel.units.strip())
+    return Contents(channels)

@@ -44,13 +44,15 @@ class Channel:
 
     @classmethod
     def joined(cls, parts: Sequence[Channel]) -> Channel:
-        """The values of several channels end to end; those of one of no rows are counted from 0."""
+        """Several channels end to end, in the unit of the first; rows of one that has none count from 0."""
         begin = np.cumsum([0, *(part.values.size for part in parts)])
         words = zip(begin, (part.text for part in parts), strict=False)
         text = {int(first) + index: text[index] for first, text in words for index in text}
         values = np.concatenate([np.empty(0), *(part.values for part in parts)])
         rows = (np.arange(part.values.size) if part.rows is None else part.rows for part in parts)
-        return cls(values, rows=np.concatenate([np.empty(0, int), *rows]), text=text)
+        clocks = [part.clock for part in parts if part.clock is not None]
+        clock, unit = np.concatenate(clocks) if clocks else None, parts[0].unit if parts else ""
+        return cls(values, clock, unit, np.concatenate([np.empty(0, int), *rows]), text)
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bayestissue.recordings.dataset.formats.channel import Contents, of_arrays
 from bayestissue.recordings.dataset.source_files import require_small
@@ -29,11 +28,7 @@ def read(data: bytes, label: str, *, of_matlab: bool = False) -> Contents:
     import h5py
 
     with h5py.File(io.BytesIO(data), "r") as file:
-        numeric = {
-            name: item
-            for name, item in _datasets(file)
-            if item.dtype.kind in "fiu" and item.size and not (of_matlab and _is_other(name, item))
-        }
+        numeric = _numeric(file, of_matlab=of_matlab)
         require_small(8.0 * sum(item.size for item in numeric.values()), label)
         if of_matlab:
             # MATLAB counts the dimensions from the other end.
@@ -41,34 +36,29 @@ def read(data: bytes, label: str, *, of_matlab: bool = False) -> Contents:
         return of_arrays((name, item[()], _unit(item)) for name, item in numeric.items())
 
 
-def _is_other(name: str, item: h5py.Dataset) -> bool:
-    """Whether a dataset of MATLAB is no array of numbers: it keeps the shape of an empty one."""
-    is_text = item.attrs.get("MATLAB_class", b"double") == b"char"
-    return is_text or bool(item.attrs.get("MATLAB_empty", 0)) or name.startswith("#")
+def _numeric(file: h5py.File, *, of_matlab: bool) -> dict[str, h5py.Dataset]:
+    """The datasets of numbers that lie in the file itself: links and external storage lead to other files.
 
-
-def _datasets(file: h5py.File) -> Iterator[tuple[str, Any]]:
-    """The datasets whose numbers lie in the file itself: links and external storage lead to other files.
-
-    Each comes once: a few groups that hold each other would otherwise have more paths than can be walked.
+    Each is walked to once, those of outer groups first: groups may hold each other.
     """
     import h5py
 
-    visited: set[int] = set()
-    waiting = [("", file)]
-    for before, group in waiting:
-        for name in group:
-            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-                continue
-            item = group[name]
-            address = h5py.h5o.get_info(item.id).addr
-            if address in visited:
-                continue
-            visited.add(address)
-            if isinstance(item, h5py.Dataset) and not (item.external or item.is_virtual):
-                yield f"{before}{name}", item
-            elif isinstance(item, h5py.Group):
-                waiting.append((f"{before}{name}/", item))
+    items: list[tuple[str, h5py.Group | h5py.Dataset]] = []
+    file.visititems(lambda name, item: items.append((name, item)))
+    numeric = {}
+    for name, item in sorted(items, key=lambda named: named[0].count("/")):
+        if not isinstance(item, h5py.Dataset) or item.external or item.is_virtual:
+            continue
+        # MATLAB keeps text as numbers, the shape of an empty array, and what references lead to.
+        if of_matlab and (
+            name.startswith("#")
+            or item.attrs.get("MATLAB_class", b"double") == b"char"
+            or item.attrs.get("MATLAB_empty", 0)
+        ):
+            continue
+        if item.dtype.kind in "fiu" and item.size:
+            numeric[name] = item
+    return numeric
 
 
 def _unit(item: h5py.Dataset) -> str:

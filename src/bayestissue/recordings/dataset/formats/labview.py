@@ -78,7 +78,10 @@ def _blocks(text: str) -> list[_Block]:
         if line.startswith(_MEASUREMENT):
             blocks.append(_Block({}))
         elif blocks and blocks[-1].stated and line.split(blocks[-1].separator)[0] == _CHANNELS:
-            blocks[-1].leave_notes()
+            lines = blocks[-1].pieces[-1][1] if blocks[-1].pieces else []
+            # Lines of words above the next header.
+            while lines and lines[-1][:1].isalpha():
+                lines.pop()
             blocks.append(_Block(blocks[-1].header, blocks[-1].separator))
         if blocks:
             blocks[-1].take(line, row)
@@ -128,12 +131,6 @@ class _Block:
             self.stated[key] = cells
         elif len(cells) == 1:
             self.header[key] = cells[0]
-
-    def leave_notes(self) -> None:
-        """Take away the lines of words above the next header."""
-        lines = self.pieces[-1][1] if self.pieces else []
-        while lines and lines[-1][:1].isalpha():
-            lines.pop()
 
     @property
     def columns(self) -> slice:
@@ -251,11 +248,10 @@ def _joined(pieces: Sequence[Contents]) -> Contents:
     """Blocks that are one recording, each sample with its row in the file."""
     if len(pieces) == 1:
         return pieces[0]
-    channels = {}
-    for name, first in pieces[0].channels.items():
-        parts = [replace(piece.channels[name], rows=piece.rows_of(name)) for piece in pieces]
-        clock = np.concatenate([part.clock for part in parts if part.clock is not None])
-        channels[name] = replace(Channel.joined(parts), clock=clock, unit=first.unit)
+    channels = {
+        name: Channel.joined([replace(piece.channels[name], rows=piece.rows_of(name)) for piece in pieces])
+        for name in pieces[0].channels
+    }
     return Contents(channels, pieces[0].first_row)
 
 

@@ -165,8 +165,8 @@ def suspected(signal: Displacements) -> Suspected:
     odd = chance(plain / variance, count, freedom) < SAMPLES.alarms
     columns = np.full((len(peak), 3), np.nan)
     # A filter is tried on even times.
-    tried = odd & (signal.n_samples >= 12) & (signal.before.n_samples >= 4) & ~signal.uneven
-    tried &= ~signal.clipped.any(axis=1)
+    tried = odd & (signal.n_samples >= 12) & (signal.before.n_samples >= 4)
+    tried &= ~(signal.uneven | signal.limited)
     for row in np.flatnonzero(tried):
         columns[row] = _explanation(signal, int(row), plain[row], variance[row], freedom[row])
     return Suspected(*columns.T)

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.special import fdtrc, ndtri, stdtr
 
+from bayestissue.recordings.dataset.ragged_traces import LIMITS, recorder_step
 from bayestissue.recordings.signal.padded_traces import (
     Column,
     Index,
@@ -23,6 +24,7 @@ from bayestissue.recordings.signal.padded_traces import (
     last_where,
     noise_sd,
     samples_before,
+    segment_moments,
 )
 from bayestissue.recordings.signal.signal_settings import PULSE, SAMPLES
 
@@ -66,7 +68,8 @@ class PulseAndRests(PaddedTraces):
         falls = first_where(low & (index > top[:, None]), recordings.n_samples)
         foot = rises - np.ceil(PULSE.foot * (top - rises)).astype(int) - 2
         tail = falls + np.ceil(PULSE.tail * (falls - top)).astype(int) + 2
-        step = _step(value, inside)
+        rows = [row[:n] for row, n in zip(value, recordings.n_samples, strict=True)]
+        step = np.array([recorder_step(row, LIMITS.same * np.ptp(row)) for row in rows])
         sd = np.hypot(noise_sd(recordings), np.where(np.isfinite(step), step, 0) / np.sqrt(12))
         return cls(
             **vars(recordings),
@@ -94,14 +97,6 @@ def _quiet_level(value: Rows, smooth: Rows, top: Index) -> Column:
     return level
 
 
-def _step(value: Rows, inside: Mask) -> Column:
-    ordered = np.sort(np.where(inside, value, np.inf), axis=1)
-    span = np.where(inside, value, -np.inf).max(axis=1) - ordered[:, 0]
-    with np.errstate(invalid="ignore"):
-        gaps = np.diff(ordered, axis=1)
-        return np.where(gaps > 1e-9 * span[:, None], gaps, np.inf).min(axis=1, initial=np.inf)
-
-
 def chance(squares: Column | float, count: Index | int, freedom: Column | float) -> Column:
     """The probability that noise alone leaves as much: an F test.
 
@@ -124,8 +119,7 @@ def spikes(recorded: PulseAndRests) -> Index:
     """
     value, width = recorded.value, recorded.value.shape[1]
     best, spike, side = np.zeros(len(value)), np.full(len(value), -1), SAMPLES.side
-    quiet = recorded.before.sum(axis=1, keepdims=True)
-    level = np.where(recorded.before, value, 0.0).sum(axis=1, keepdims=True) / np.maximum(quiet, 1)
+    level = segment_moments(value, recorded.before.sum(axis=1))[0][:, None]
     pulse = recorded.inside & (value - level > SAMPLES.high * recorded.peak[:, None])
     short = pulse.sum(axis=1, keepdims=True) < SAMPLES.short
     for wide in range(1, SAMPLES.widest + 1):
@@ -134,17 +128,12 @@ def spikes(recorded: PulseAndRests) -> Index:
             break
         offsets = np.concatenate([np.arange(side), np.arange(side) + side + wide])
         t = offsets - (window - 1) / 2
-        left, right = _predicting(t[:side], 1), _predicting(t[side:], 1)
-        either_side, closer = _predicting(t, 3), _predicting(t, 5)
         views = np.lib.stride_tricks.sliding_window_view(value, window, axis=1)
         at_spike = views[..., side : side + wide].mean(axis=-1)
-        before, behind = views[..., :side], views[..., side + wide :]
-        misses = [
-            at_spike - before @ left,
-            at_spike - behind @ right,
-            at_spike - views[..., offsets] @ either_side,
-            at_spike - views[..., offsets] @ closer,
-        ]
+        behind, both = views[..., side + wide :], views[..., offsets]
+        parts = ((views[..., :side], t[:side], 1), (behind, t[side:], 1), (both, t, 3), (both, t, 5))
+        weights = [_predicting(times, degree) for _, times, degree in parts]
+        misses = [at_spike - part @ weight for (part, *_), weight in zip(parts, weights, strict=True)]
         misses[3] = np.where(short, misses[3], misses[2])
         jumps = np.abs(misses[0]) > SAMPLES.jump * np.abs(misses[1])
         decayed = at_spike - _decaying(level, behind, wide)
@@ -153,7 +142,7 @@ def spikes(recorded: PulseAndRests) -> Index:
         same = np.all([toward == np.sign(miss) for miss in misses[1:]], axis=0)
         least = np.where(same, np.min(np.abs(misses), axis=0), 0.0)
         chance = -ndtri(SAMPLES.alarms / 2 / SAMPLES.widest / np.maximum(recorded.inside.sum(axis=1), 1))
-        squares = [float(w @ w) for w in (left, right, either_side, closer)]
+        squares = [float(w @ w) for w in weights]
         square = np.where(short[:, 0], max(squares), max(squares[:3]))
         error = recorded.sd * np.sqrt(1 / wide + square)
         limit = np.maximum(chance * error, SAMPLES.high * recorded.peak)
@@ -239,8 +228,8 @@ def wave(values: Rows, count: Index) -> tuple[Column, Column]:
 
 def _centred(values: Rows, count: Index) -> Rows:
     """Each row less its mean, 0 past its end."""
-    mean = values.sum(axis=1, keepdims=True) / np.maximum(count, 1)[:, None]
-    return np.where(samples_before(values, count), values - mean, 0.0)
+    mean, _ = segment_moments(values, count)
+    return np.where(samples_before(values, count), values - mean[:, None], 0.0)
 
 
 def slope(values: Rows, count: Index, sd: Column) -> tuple[Column, Column]:
@@ -302,12 +291,10 @@ def _sum_of_squares(values: np.ndarray, *columns: np.ndarray) -> float:
 
 def mean_at(recorded: PulseAndRests, quiet: Mask) -> tuple[Column, Column]:
     """Mean of one rest and its standard error; NaN where it has fewer than five samples."""
-    count = quiet.sum(axis=1)
-    mean = np.where(quiet, recorded.value, 0).sum(axis=1) / np.maximum(count, 1)
-    spread = np.where(quiet, recorded.value - mean[:, None], 0)
-    sd = np.maximum(np.sqrt((spread**2).sum(axis=1) / np.maximum(count - 1, 1)), recorded.sd)
-    known = count >= 5
-    return np.where(known, mean, np.nan), sd / np.sqrt(np.maximum(count, 1))
+    values, count = segment(recorded, quiet)
+    mean, scatter = segment_moments(values, count)
+    sd = np.maximum(scatter, recorded.sd)
+    return np.where(count >= 5, mean, np.nan), sd / np.sqrt(np.maximum(count, 1))
 
 
 def moved_zero(recorded: PulseAndRests, gravity: float) -> Column:

@@ -93,7 +93,7 @@ def implied(signal: Displacements, recorded: PulseAndRests, uncertainty: Uncerta
     explained = chance(least / floor, freedom, np.maximum(PULSE.worth * n, 1)) > VELOCITY.unexplained
     explained &= (n >= VELOCITY.fewest) & np.isfinite(squares[:, _STATED]) & (noise_sd > 0)
     # What a sensor cut off is no part of the integrals.
-    whole = ~(signal.clipped != 0).any(axis=1)
+    whole = ~signal.limited
     share = np.maximum(squares - least[:, None], 0) / np.maximum(least, freedom * floor)[:, None]
     log_likelihood = -np.maximum(freedom - 1, 1)[:, None] / 2 * np.log1p(share)
     return Implied(_averaged(log_likelihood, velocity_sd), whole, explained & whole)
