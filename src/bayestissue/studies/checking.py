@@ -29,6 +29,7 @@ from bayestissue.recordings.signal.filters import white_share
 from bayestissue.recordings.signal.force import Force, force_beside
 from bayestissue.recordings.signal.quality import Findings, inspect, raised
 from bayestissue.recordings.signal.quality.force_laws import suspected
+from bayestissue.reports.pages.page import written
 from bayestissue.reports.pages.recordings_pages import check_page, kinds, quality_table
 
 if TYPE_CHECKING:
@@ -112,34 +113,14 @@ class Check(Result):
     @property
     def summary(self) -> Rows:
         """What was recorded, and how well: pairs of a name and words."""
-        data, quality, impacts = self.dataset, self.quality, self.dataset.impacts
-        noise, to_peak = quality["noise_to_peak"], quality["time_to_peak_s"]
+        data, quality = self.dataset, self.quality
         # Of a slow recording the window goes on to the rebound.
-        until_peak = to_peak * quality["sampling_rate_hz"] // 1 + 1
-        return [
-            ("impacts", counts(impacts)),
-            ("recorded", data.quantity),
-            *([("further channel", str(channel)) for channel in data.channels]),
-            *([("force", self.force.words)] if self.force else []),
-            *([("gravity along the motion", f"{data.gravity:.4g} m/s²")] if data.gravity else []),
-            *([("low-pass", str(data.recorder)), ("noise entered", self._entry)] if data.recorder else []),
-            *([("contact", self.signal.phase.words)] if data.quantity != "displacement" else []),
-            ("samples per impact", span(quality["n_samples"], "", 6)),
-            ("sampling rate", span(quality["sampling_rate_hz"], "Hz", 6)),
-            ("mass", span(impacts["mass_kg"], "kg", 6)),
-            ("velocity at contact", span(impacts["velocity_m_s"], "m/s")),
-            ("time to peak", span(to_peak * 1e3, "ms", 3)),
-            ("samples until the peak", span(quality["samples_in_window"].clip(upper=until_peak), "", 6)),
-            ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
-        ]
-
-    @property
-    def _entry(self) -> str:
-        """Where a recorder's noise entered, in words."""
-        white = white_share(self.dataset, self.signal)
-        if white in {0.0, 1.0}:
-            return f"{'behind' if white else 'before'} the low-pass"
-        return f"before the low-pass, and {white:.0%} of it behind"
+        to_peak = quality["time_to_peak_s"] * quality["sampling_rate_hz"] // 1 + 1
+        until_peak = quality["samples_in_window"].clip(upper=to_peak)
+        white = white_share(data, self.signal) if data.recorder else None
+        texts = written("check", "summary", self, counts(data.impacts), until_peak, white, span)
+        parts = [text.partition(":") for text in texts]
+        return [(heading, words.strip()) for heading, _, words in parts]
 
     def as_json(self) -> dict[str, Any]:
         """Everything but the page."""
