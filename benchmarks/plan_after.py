@@ -45,9 +45,9 @@ from bayestissue.studies.planning.design_prior import (
     PlannedPopulation,
     Streams,
 )
-from bayestissue.studies.planning.information import simulation_of
+from bayestissue.studies.planning.information import simulation_of, told_of_tissue
 from bayestissue.studies.planning.plan_file import read_plan
-from bayestissue.studies.planning.running import Running, running_study, with_levels
+from bayestissue.studies.planning.running import Running, with_levels
 from bayestissue.studies.planning.studies import arrangements
 from bayestissue.studies.planning.study_posterior import PlannedSites, posteriors
 from bayestissue.studies.simulation import simulate
@@ -97,7 +97,8 @@ def study_of(number: int) -> Study:
         "recording": PLAN.recording.model_dump(exclude_none=True),
     }
     dataset = simulate(simulation(content, tissue=tissue, seed=31_000 + number)).dataset("study")
-    sites = running_study(prepare(dataset, MODEL, source="study"))
+    prepared = prepare(dataset, MODEL, source="study")
+    sites = Running(prepared.design.recorded.rows, *told_of_tissue(prepared))
     repeat = sites.rows.groupby(["subject", "trial"]).cumcount().to_numpy()
     return Study(dataset, sites, repeat, tissue["mass_exponent_K"])
 

@@ -113,15 +113,11 @@ def compare(*runs: Fit | str | Path, ask: str | Sequence[str] = ()) -> Compariso
 
 def _of_run(name: str, fit: Fit) -> dict[str, Any]:
     """What ``run.json`` says of a run."""
-    stored = (
-        {}
-        if fit.dataset is not None or fit.folder is None
-        else {
-            "folder": str(fit.folder),
-            "posterior_hash": runtime.content_hash([fit.folder / "posterior.nc"]),
-        }
-    )
-    return {"name": name, **stored, **{k: fit.about.get(k) for k in ("model", "seed", "started", "verdict")}}
+    stored = {k: fit.about.get(k) for k in ("model", "seed", "started", "verdict")}
+    if fit.dataset is not None or fit.folder is None:
+        return {"name": name, **stored}
+    posterior_hash = runtime.content_hash([fit.folder / "posterior.nc"])
+    return {"name": name, "folder": str(fit.folder), "posterior_hash": posterior_hash, **stored}
 
 
 def _answers(fit: Fit) -> dict[str, pd.DataFrame]:

@@ -187,7 +187,7 @@ class WatchView(DropsView):
                 {
                     **{name: getattr(drop, name) for name in ("impact", "kind", "left_out", *_NUMBERS)},
                     **{
-                        "reason": self.nouns(drop.reason or _note(of_phantom=drop.of_phantom)),
+                        "reason": self.nouns(drop.reason or (PHANTOM if drop.of_phantom else "")),
                         "taken": drop.taken,
                         "cells": drop.cells,
                     },
@@ -271,7 +271,7 @@ class DatasetView(DropsView):
     def _drop(self, impact: str, left_out: str) -> dict[str, Any]:
         row = self._rows.loc[[impact]].iloc[0]
         said = verdict(flag for flag in row["flags"].split("; ") if flag)
-        reason = self.nouns(said.reason or _note(of_phantom=PHANTOM in row["notes"].split("; ")))
+        reason = self.nouns(said.reason or (PHANTOM if PHANTOM in row["notes"].split("; ") else ""))
         shown = {"impact": impact, "kind": said.kind, "reason": reason, "left_out": left_out}
         return shown | numbers_of(row)
 
@@ -286,11 +286,6 @@ class DatasetView(DropsView):
         if self.why_not:
             raise InputError.stated("no-dataset.read-only", str(self._decisions.folder), value=self.why_not)
         self._decisions.act(action, content)
-
-
-def _note(*, of_phantom: bool) -> str:
-    """What is said of a sound drop on a spring or phantom of known stiffness."""
-    return str(PHANTOM) if of_phantom else ""
 
 
 def trace(impact: Impact) -> dict[str, list[float | None]]:

@@ -20,7 +20,6 @@ from bayestissue.base.arrays import PerImpact
 from bayestissue.base.errors import InputError
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.model.hierarchy.specification import ModelSpecification
-from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.recordings.dataset import read_dataset
 from bayestissue.studies.finished import Fit, read_run
 from bayestissue.studies.planning.candidates import Candidate
@@ -52,15 +51,6 @@ class Running:
     def followed_by(self, planned: pd.DataFrame) -> pd.DataFrame:
         """Its impacts, and then planned ones."""
         return pd.concat([self.rows, planned], ignore_index=True)
-
-
-def running_study(prepared: Prepared) -> Running:
-    """What the recordings of a dataset tell, as planned designs go on from it.
-
-    Args:
-        prepared: the dataset under the running fit's model.
-    """
-    return Running(prepared.design.recorded.rows, *told_of_tissue(prepared))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +104,8 @@ def begun_study(after: After, beliefs: PlannedPopulation, source: str) -> Backgr
         )
     model = fit.specification
     _, prepared = prepare_without_phantoms(dataset, model, source=after.run)
-    running, draws = running_study(prepared), draws_of_fit(fit, (source, None, "after.run", after.run))
+    running = Running(prepared.design.recorded.rows, *told_of_tissue(prepared))
+    draws = draws_of_fit(fit, (source, None, "after.run", after.run))
     posterior = fit.posterior["posterior"].to_dataset()
     draws = with_levels(draws, posterior, running.rows["mass_kg"].to_numpy(float))
     return Background(model, after.run, DesignPrior(beliefs, draws), dataset.words, running, after.again)

@@ -277,9 +277,6 @@ def _mode(
     size, one = len(start), jnp.eye(len(start))
     steps = jnp.concatenate([jnp.zeros((1, size)), SETTINGS.step * one])
 
-    def goes_on(state: Any) -> Array:
-        return (state[0] < SETTINGS.rounds) & (state[-1] > SETTINGS.enough)
-
     def round_of(state: Any) -> Any:
         number, y, value, slope, curvature, damping, trial, _ = state
         values, slopes = jax.vmap(jax.value_and_grad(potential))(trial + steps)
@@ -287,7 +284,10 @@ def _mode(
         matrix = (slopes[1:] - slopes[0]) / SETTINGS.step
         y, value = jnp.where(better, trial, y), jnp.where(better, values[0], value)
         slope = jnp.where(better, slopes[0], slope)
-        curvature = jnp.where(better, _positive(matrix), curvature)
+        # Positive in every direction.
+        curved, axes = jnp.linalg.eigh((matrix + matrix.T) / 2)
+        positive = (axes * jnp.maximum(curved, SETTINGS.least_curved)) @ axes.T
+        curvature = jnp.where(better, positive, curvature)
         damping = jnp.where(better, damping / 10, 10 * damping + 1.0)
         step = -jnp.linalg.solve(curvature + damping * one, slope)
         promised = -(step * slope).sum() / 2
@@ -296,15 +296,11 @@ def _mode(
 
     infinite = jnp.array(jnp.inf)
     begin = (jnp.array(0), start, infinite, jnp.zeros(size), one, jnp.array(0.0), start, infinite)
-    _, mode, value, _, curvature, *_ = jax.lax.while_loop(goes_on, round_of, begin)
+    _, mode, value, _, curvature, *_ = jax.lax.while_loop(
+        lambda state: (state[0] < SETTINGS.rounds) & (state[-1] > SETTINGS.enough), round_of, begin
+    )
     # Not of eigenvectors, whose signs and order jump between studies that are nearly alike.
     return mode, value, jnp.linalg.cholesky(jnp.linalg.inv(curvature))
-
-
-def _positive(matrix: Float[Array, "coordinate coordinate"]) -> Float[Array, "coordinate coordinate"]:
-    """A curvature that is positive in every direction."""
-    curved, axes = jnp.linalg.eigh((matrix + matrix.T) / 2)
-    return (axes * jnp.maximum(curved, SETTINGS.least_curved)) @ axes.T
 
 
 def _split(
