@@ -70,7 +70,8 @@ def inverse_factor(factor: Triangle) -> Triangle:
 
 def inverse(matrix: Matrix) -> list[list[Entry]]:
     """Of symmetric positive definite matrices."""
-    return squared(inverse_factor(cholesky(matrix)))
+    root = inverse_factor(cholesky(matrix))
+    return symmetric(len(root), lambda a, b: dot([row[a] for row in root[a:]], [row[b] for row in root[a:]]))
 
 
 def normal_log_density(deviation: Vector, covariance: Matrix) -> Entry:
@@ -98,13 +99,6 @@ def times(matrix: Matrix, vector: Vector) -> list[Entry]:
 def turned_times(triangle: Triangle, vector: Vector) -> list[Entry]:
     """The transpose of lower triangles times vectors."""
     return [dot([row[a] for row in triangle[a:]], vector[a:]) for a in range(len(triangle))]
-
-
-def squared(triangle: Triangle) -> list[list[Entry]]:
-    """The transpose of lower triangles times these."""
-    return symmetric(
-        len(triangle), lambda a, b: dot(*zip(*((row[a], row[b]) for row in triangle[a:]), strict=True))
-    )
 
 
 def product(left: Matrix, right: Matrix) -> list[list[Entry]]:
