@@ -139,7 +139,8 @@ def main() -> None:
     """Run the command line; what ends it before it is done is one line on standard error and a status."""
     runtime.quieten_libraries()
     runtime.keep_compiled()
-    runtime.one_blas_thread()
+    # BLAS keeps to the thread that calls it, in worker processes too: chains have a thread each.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         try:
             app()

@@ -11,7 +11,8 @@ from bayestissue import Fit
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.checking.findings import ELEMENT_ALONE
 from bayestissue.reports.pages.answers_page import question_lines
-from bayestissue.reports.pages.fit import figures, groups, method_agreement
+from bayestissue.reports.pages.fit import figures, method_agreement
+from bayestissue.reports.pages.fit.fit_run import own_slopes
 from bayestissue.reports.pages.posterior import mass_curve
 from make_fit_run import fit_run
 
@@ -41,7 +42,7 @@ def test_people_have_their_own_impacts_secants_and_other_groups_none(run: Fit) -
     assert "K-by-subject" in names
     assert {"K-by-trial", "K-by-side"}.isdisjoint(names)
     assert {"C-by-trial", "K-over-mass"} <= set(names)
-    assert all(slope.quantity != "K" for slope in groups.own_slopes(run))
+    assert all(slope.quantity != "K" for slope in own_slopes(run))
 
 
 def test_the_curve_over_the_mass_is_that_of_the_recorded_impacts(run: Fit) -> None:

@@ -64,14 +64,6 @@ def configure() -> None:
     jax.config.update("jax_enable_x64", True)
 
 
-def one_blas_thread() -> None:
-    """BLAS keeps to the thread that calls it, in worker processes too: chains have a thread each.
-
-    Must be called before NumPy is imported.
-    """
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-
 def in_float64[**Arguments, Result](function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """``function``, computed in float64 whatever JAX is set to; the setting is as it was afterwards.
 

@@ -19,7 +19,10 @@ type Specification = dict[str, Any]
 SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
 # Vega's configuration. A label at the end of an axis reaches beyond it, hence the padding; the colours are
 # Okabe and Ito's, but for yellow and orange, which are too pale on white.
-_CONFIG: Specification = json.loads(files(__package__).joinpath("theme.json").read_text(encoding="utf-8"))
+_THEME = json.loads(files(__package__).joinpath("theme.json").read_text(encoding="utf-8"))
+_CONFIG: Specification = _THEME["config"]
+# Shift and wheel zoom, Shift and drag move, a double click resets: the page scrolls as ever.
+ZOOM: Specification = _THEME["zoom"]
 INK, MUTED, FAINT = _CONFIG["axis"]["labelColor"], _CONFIG["axis"]["tickColor"], "#d0d7de"
 PALETTE: tuple[str, ...] = (*_CONFIG["range"]["category"],)
 POSTERIOR, RECORDED = PALETTE[:2]
@@ -193,15 +196,3 @@ def layered(
 ) -> Specification:
     """One panel of several layers; the last lies on top."""
     return {"layer": list(layers), "width": width, "height": height, **further}
-
-
-# Shift and wheel zoom, Shift and drag move, a double click resets: the page scrolls as ever.
-ZOOM: Specification = {
-    "name": "zoom",
-    "bind": "scales",
-    "select": {
-        "type": "interval",
-        "zoom": "wheel![event.shiftKey]",
-        "translate": "[pointerdown[event.shiftKey], window:pointerup] > window:pointermove!",
-    },
-}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,9 @@ from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.pages.page import render_page
 from bayestissue.reports.pages.page_tables import Table, settings_table, table_of_cells
 from bayestissue.reports.pages.wording import (
-    decimals,
     interval,
     nouns_of,
+    number,
     probability,
     said,
     significant,
@@ -208,7 +209,7 @@ def exponent_rows(posteriors: pd.DataFrame, runs: list[str], quantity: str) -> l
     name = f"mass_exponent_{quantity}"
     at_depth = posteriors[posteriors["variable"] == f"{name}_common_depth"]
     without_depth = posteriors[(posteriors["variable"] == name) & ~posteriors["run"].isin(at_depth["run"])]
-    return _rows_by_run(pd.concat([at_depth, without_depth]), runs, decimals(2))
+    return _rows_by_run(pd.concat([at_depth, without_depth]), runs, partial(number, decimals=2))
 
 
 def _rows_by_run(rows: pd.DataFrame, runs: list[str], words: Callable[[float], str]) -> list[dict[str, str]]:

@@ -18,9 +18,7 @@ from bayestissue.base.results.tables import declared_files
 from bayestissue.inference.results.meanings import SECANTS, heading_words
 from bayestissue.reports.pages.wording import (
     Spread,
-    decimals,
     decimals_of,
-    digits,
     estimated,
     interval,
     number,
@@ -164,7 +162,9 @@ def form_words(form: str) -> Callable[..., str]:
         return partial(filled, form)
     if form.startswith("± "):
         return partial(with_error, decimals=int(form.removeprefix("± .")))
-    return decimals(int(form[1:])) if form.startswith(".") else digits(int(form))
+    if form.startswith("."):
+        return partial(number, decimals=int(form[1:]))
+    return partial(significant, digits=int(form))
 
 
 def shown(

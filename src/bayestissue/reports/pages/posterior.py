@@ -42,11 +42,6 @@ def spread(draws: np.ndarray) -> Spread:
     return Spread(float(median), float(low), float(high))
 
 
-def typical(run: PosteriorRun, quantity: str) -> Spread:
-    """K or C of a typical person at the reference mass, in N/m or N s/m."""
-    return spread(run.draws(f"{quantity}_typical_person"))
-
-
 def exponent(run: PosteriorRun, quantity: str) -> Spread | None:
     """The slope of log K (or log C) on log mass, or None if the model has none."""
     name = f"mass_exponent_{quantity}"
@@ -96,7 +91,10 @@ def levels(run: PosteriorRun) -> list[Levels]:
 
     Beside a discrepancy K_secant of these impacts together stands in place of K, the element's own.
     """
-    rows = [Levels(q, UNITS[q], typical(run, q), spread(run.draws(f"{q}_new"))) for q in QUANTITIES]
+    rows = [
+        Levels(q, UNITS[q], spread(run.draws(f"{q}_typical_person")), spread(run.draws(f"{q}_new")))
+        for q in QUANTITIES
+    ]
     if run.has(TOGETHER):
         together = spread(run.draws(TOGETHER))
         rows[0] = Levels(OWN_DEPTH, UNITS["K"], together, together, these=True)
@@ -108,21 +106,16 @@ def sureness(run: PosteriorRun) -> list[dict[str, str]]:
 
     Of K_secant, in place of a K that is the element's own, none.
     """
-    alone = {"quantity": OWN_DEPTH}
-    return [alone if q == "K" and run.has(TOGETHER) else _sureness(run, q) for q in QUANTITIES]
-
-
-def _sureness(run: PosteriorRun, quantity: str) -> dict[str, str]:
-    return {
-        "quantity": quantity,
-        "typical": relative(typical(run, quantity).factor),
-        "new": relative(spread(run.draws(f"{quantity}_new")).factor),
-        **{
-            level: relative(np.expm1(np.median(run.draws(f"sd_{level}_{quantity}"))))
-            for level in ("subject", "trial", "impact")
-            if run.has(f"sd_{level}_{quantity}")
-        },
-    }
+    rows = []
+    for level in levels(run):
+        row = {"quantity": level.quantity}
+        if not level.these:
+            row |= {"typical": relative(level.typical.factor), "new": relative(level.new.factor)}
+            sds = {of: f"sd_{of}_{level.quantity}" for of in ("subject", "trial", "impact")}
+            known = {of: run.draws(sd) for of, sd in sds.items() if run.has(sd)}
+            row |= {of: relative(np.expm1(np.median(draws))) for of, draws in known.items()}
+        rows.append(row)
+    return rows
 
 
 def mass_exponents(run: PosteriorRun, answering: Mapping[str, str] | None = None) -> list[dict[str, Any]]:

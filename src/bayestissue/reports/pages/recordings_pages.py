@@ -23,7 +23,7 @@ from bayestissue.reports.figures.traces import CONTACT, PEAK, TURN, against, pan
 from bayestissue.reports.pages.page import render_page
 from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.page_tables import frame_table, table_of_cells
-from bayestissue.reports.pages.wording import names_in
+from bayestissue.reports.pages.wording import SENTENCES, names_in
 
 # Time [ms] and value of each curve and event, by kind.
 type Panel = dict[str, tuple[Any, Any]]
@@ -70,13 +70,6 @@ def sheets(
 
 
 MOST_CHECK_PANELS = 216
-# Axes and caption of a force against what is expected.
-_OF_FORCES = ("M a (N)", "recorded force (N)", "The recorded force against mass times deceleration.")
-_OF_IMPULSES = (
-    "M (V - v) (N s)",
-    "impulse of the force (N s)",
-    "The impulse of the recorded force since contact against what the mass has lost.",
-)
 _UNITS = {"deceleration": "m_s2", "acceleration": "m_s2", "displacement": "m"}
 
 
@@ -240,7 +233,7 @@ def _force_figure(force: Force, names: Sequence[str], rows: np.ndarray) -> Figur
         for row, inside in samples_inside
         if len(samples := inside[:: max(1, len(inside) // most)])
     )
-    return against(curves, *(_OF_IMPULSES if force.impulse else _OF_FORCES))
+    return against(curves, *SENTENCES["force_against"]["impulse" if force.impulse else "force"])
 
 
 def kinds(problems: Sequence[Problem]) -> list[list[Problem]]:

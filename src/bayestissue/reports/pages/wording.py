@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -66,16 +66,6 @@ def number(value: float, decimals: int) -> str:
         return "not known"
     text = f"{round(value, decimals):.0f}" if decimals < 0 else f"{value:.{decimals}f}"
     return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
-
-
-def decimals(count: int) -> Callable[[float], str]:
-    """What writes numbers with so many decimals."""
-    return partial(number, decimals=count)
-
-
-def digits(count: int) -> Callable[[float], str]:
-    """What writes numbers with so many significant digits."""
-    return partial(significant, digits=count)
 
 
 def with_error(value: float, error: float, decimals: int = 2) -> str:
@@ -165,7 +155,7 @@ def estimated(median: float, low: float, high: float) -> tuple[str, str, str]:
     numbers = (median, low, high)
     finite = [abs(value) for value in numbers if math.isfinite(value)]
     usual = len(finite) == len(numbers) and max(finite) < _LARGE and high - low > _NARROW
-    form = decimals(decimals_of(high - low)) if usual else digits(4)
+    form = partial(number, decimals=decimals_of(high - low)) if usual else partial(significant, digits=4)
     first, second, third = (form(value) if math.isfinite(value) else f"{value:g}" for value in numbers)
     return first, second, third
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from bayestissue.base.outline import markdown_rows
 from bayestissue.base.results.tables import write_table
 from bayestissue.base.words import PLAIN, Words
 from bayestissue.reports.figures.theme import Figure, Specification
@@ -60,9 +61,9 @@ def write_markdown(text: Text, path: Path) -> None:
     for heading, paragraphs in text.sections.items():
         parts += [f"## {heading}", *map(_escaped, paragraphs)]
     if len(text.table):
-        rows = [list(text.table.columns), ["---"] * text.table.shape[1], *text.table.to_numpy().tolist()]
-        lines = (" | ".join(_escaped(cell).replace("|", "\\|") for cell in row) for row in rows)
-        parts += ["\n".join(f"| {line} |" for line in lines), f"Table 1. {_CAPTION}"]
+        rows = (map(_escaped, row) for row in text.table.to_numpy().tolist())
+        lines = markdown_rows(tuple(map(_escaped, text.table.columns)), rows)
+        parts += ["\n".join(lines), f"Table 1. {_CAPTION}"]
     references = (f"{number}. {_escaped(words)}" for number, words in enumerate(text.references, start=1))
     parts += ["## References", "\n".join(references)]
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")

@@ -22,13 +22,6 @@ from bayestissue.reports.pages.page import written
 from bayestissue.reports.pages.posterior import QUANTITIES, exponent, levels, spread
 from bayestissue.reports.pages.wording import SENTENCES, Spread, listed
 
-_ERRORS = {
-    "relative_mass_sd": ("mass", 100.0, "%"),
-    "velocity_sd_m_s": ("velocity", 1.0, "m/s"),
-    "relative_gain_sd": ("gain of the sensor", 100.0, "%"),
-    "offset_sd": ("offset of the sensor", 1.0, ""),
-}
-
 
 @dataclass
 class Text:
@@ -88,7 +81,7 @@ def stated_errors(run: FitRun) -> list[str]:
     of_signal = "m" if run.shown == "displacement" else "m/s²"
     return [
         f"{name} {factor * stated[key]:.3g} {unit or of_signal}"
-        for key, (name, factor, unit) in _ERRORS.items()
+        for key, (name, factor, unit) in SENTENCES["errors_in_paper"].items()
         if stated.get(key)
     ]
 

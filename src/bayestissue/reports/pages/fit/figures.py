@@ -18,8 +18,7 @@ from bayestissue.reports.figures.impacts import axis_title
 from bayestissue.reports.figures.intervals import ENDS, intervals, quantiles, with_ranks
 from bayestissue.reports.figures.theme import HEIGHT, Figure
 from bayestissue.reports.pages.fit import answers, level_outcomes, trace_predictions
-from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.fit.groups import OwnSlope, groupings, own_slopes
+from bayestissue.reports.pages.fit.fit_run import FitRun, OwnSlope, groupings, own_slopes
 from bayestissue.reports.pages.fit.method_agreement import (
     TITLE,
     apparent_exponent,
@@ -286,21 +285,16 @@ def recorded_force(run: FitRun) -> Figure:
 
 
 def residual_figures(run: FitRun, left: trace_predictions.Residuals) -> list[Figure]:
-    """Of the residuals: the p-values where they were tested, and the autocorrelation at lag 1."""
-    return [*([residual_p(run)] if run.tested else []), lag_one(run, left)]
+    """Of the residuals: the p-values where they were tested, and the autocorrelation at lag 1.
 
-
-def residual_p(run: FitRun) -> Figure:
-    """Sorted p-values of the residuals of every impact being the model's noise."""
-    tested = np.array(list(run.tested.values()))
-    return of_traces.sorted_p(tested, trace_predictions.STRUCTURED, said("figures.residual_p"))
-
-
-def lag_one(run: FitRun, left: trace_predictions.Residuals) -> Figure:
-    """Autocorrelation at lag 1 of each impact's residuals, and of data made by the model."""
-    names = np.array(run.impacts)[left.which]
-    rows = left.lag_one.drop(columns="inside").rename(columns={"measured": "recorded"}).assign(impact=names)
-    return of_traces.lag_one(rows, said("figures.lag_one"))
+    That is of what was recorded, and of data made by the model.
+    """
+    rows = left.lag_one.drop(columns="inside").rename(columns={"measured": "recorded"})
+    of_lag = of_traces.lag_one(rows.assign(impact=np.array(run.impacts)[left.which]), said("figures.lag_one"))
+    if not run.tested:
+        return [of_lag]
+    tested, words = np.array(list(run.tested.values())), said("figures.residual_p")
+    return [of_traces.sorted_p(tested, trace_predictions.STRUCTURED, words), of_lag]
 
 
 def published(run: FitRun) -> Iterator[tuple[str, Callable[[], Figure]]]:

@@ -13,8 +13,7 @@ from bayestissue.base.outcomes import REFERENCE_OUTCOMES
 from bayestissue.inference.answers.contrasts import ALSO, INTERACTION, LEVELS
 from bayestissue.inference.results.meanings import ICC, MDC, MOSTLY, REPEATS, SEM, outcome_name
 from bayestissue.recordings.dataset.impact_table import SESSIONS
-from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.fit.groups import groupings
+from bayestissue.reports.pages.fit.fit_run import FitRun, groupings
 from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of, table_of_cells
