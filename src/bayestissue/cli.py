@@ -22,15 +22,7 @@ from bayestissue.base import runtime, stopping
 from bayestissue.base.declarations import described
 from bayestissue.base.errors import InputError, PartialResultError, Problem, by_cause, more, printable
 from bayestissue.base.outline import counted
-from bayestissue.commands import (
-    datasets,
-    delivery,
-    finished_runs,
-    init_command,
-    live,
-    plan_command,
-    program,
-)
+from bayestissue.commands import datasets, delivery, finished_runs, init_command, live, plan_command, program
 
 # Of the process, and what each means.
 STATUSES = {

@@ -12,8 +12,8 @@ import pytest
 
 from bayestissue import Fit
 from bayestissue.reports.pages.fit import answers, checks, method_agreement
+from bayestissue.reports.pages.fit import fit_run as groups
 from bayestissue.reports.pages.fit.fit_page import page_of
-from bayestissue.reports.pages.fit.fit_run import groupings
 from bayestissue.reports.pages.page import worded, written
 from bayestissue.reports.paper import text
 from make_fit_run import changed, fit_run
@@ -22,7 +22,7 @@ from page_reader import first_screen, plain, require_whole, section
 # The modules of the table's expressions, by their names.
 MODULES = {
     module.__name__.rpartition(".")[2]: module for module in (answers, checks, method_agreement, text)
-} | {"groupings": groupings, "worded": worded, "written": written}
+} | {"groups": groups, "worded": worded, "written": written}
 PAGES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 

@@ -36,10 +36,7 @@ MOST_SEED = 2**63 - 1
 _UNKEPT = "Error (writing|reading) persistent compilation cache entry"
 # JAX's settings of what is kept: all that is compiled. Under a limit of its own JAX looks through the whole
 # folder whenever it keeps one more: 0.4 s beside the 12,000 that a GB holds, and a fit compiles some fifty.
-_CACHE = {
-    "jax_persistent_cache_min_compile_time_secs": 0.0,
-    "jax_compilation_cache_max_size": -1,
-}
+_CACHE = {"jax_persistent_cache_min_compile_time_secs": 0.0, "jax_compilation_cache_max_size": -1}
 # Bytes in the folder with which a process may begin; of more, it keeps those of late use, so many.
 # What JAX calls an entry, wherever the folder is that somebody named.
 _ENTRY = re.compile(r".+-[0-9a-f]{64}-cache")

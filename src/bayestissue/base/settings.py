@@ -161,12 +161,7 @@ def _parts(name: str) -> tuple[str, ...]:
 
 
 def checked[Schema: BaseModel](
-    content: Mapping[str, Any],
-    schema: type[Schema],
-    *,
-    file: str,
-    within: Sequence[str] = (),
-    text: str = "",
+    content: Mapping[str, Any], schema: type[Schema], *, file: str, within: Sequence[str] = (), text: str = ""
 ) -> Schema:
     """``content`` as a ``schema``; ``within`` names the table of ``file`` that holds it.
 

@@ -61,12 +61,7 @@ def loops(rows: pd.DataFrame, recorded: pd.DataFrame, words: str) -> Figure:
 
 
 def over_velocity(
-    rows: pd.DataFrame,
-    recorded: pd.DataFrame,
-    x: Specification,
-    axis: str,
-    panels: Sequence[str],
-    words: str,
+    rows: pd.DataFrame, recorded: pd.DataFrame, x: Specification, axis: str, panels: Sequence[str], words: str
 ) -> Figure:
     """An outcome over velocity or height: levels with their bands, dashed beyond what was measured.
 

@@ -19,14 +19,7 @@ from bayestissue.reports.figures.intervals import intervals, with_error_of
 from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.pages.page import render_page
 from bayestissue.reports.pages.page_tables import Table, settings_table, table_of_cells
-from bayestissue.reports.pages.wording import (
-    interval,
-    nouns_of,
-    number,
-    probability,
-    said,
-    significant,
-)
+from bayestissue.reports.pages.wording import interval, nouns_of, number, probability, said, significant
 
 MOST_PEOPLE = 30
 OF_IMPACTS = {"K": "K_secant_of_impacts", "C": "C_equivalent_of_impacts"}

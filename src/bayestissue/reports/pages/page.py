@@ -43,12 +43,7 @@ _POLICY = (
 
 
 def render_page(
-    template: str,
-    *,
-    codes: Iterable[Code] = (),
-    served: bool = False,
-    nouns: Words = PLAIN,
-    **context: Any,
+    template: str, *, codes: Iterable[Code] = (), served: bool = False, nouns: Words = PLAIN, **context: Any
 ) -> str:
     """The HTML of ``template`` (a name in `report/templates`), filled from ``context``.
 

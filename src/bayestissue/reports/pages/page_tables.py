@@ -92,9 +92,7 @@ class Table(NamedTuple):
 
 
 def table_of(
-    rows: Iterable[Any] | pd.DataFrame,
-    *fields: Field,
-    mark: Callable[[Any], str] = lambda row: "",
+    rows: Iterable[Any] | pd.DataFrame, *fields: Field, mark: Callable[[Any], str] = lambda row: ""
 ) -> Table:
     """A table with a row for each of ``rows``, and a cell in it for each of ``fields``."""
     rows = rows.to_dict("records") if isinstance(rows, pd.DataFrame) else list(rows)

@@ -28,12 +28,7 @@ from bayestissue.reports.pages.page_tables import (
     table_of,
 )
 from bayestissue.reports.pages.run_folder import read_json, require_files
-from bayestissue.reports.pages.wording import (
-    SENTENCES,
-    nouns_of_plan,
-    said,
-    with_error,
-)
+from bayestissue.reports.pages.wording import SENTENCES, nouns_of_plan, said, with_error
 
 # In what designs differ.
 _AXES = ("people", "masses_kg", "velocities_m_s", "conditions", "repeats", "recorder")

@@ -17,12 +17,7 @@ from bayestissue.reports.figures.theme import Figure
 from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.run_folder import PosteriorRun
-from bayestissue.reports.pages.wording import (
-    Spread,
-    listed,
-    relative,
-    said,
-)
+from bayestissue.reports.pages.wording import Spread, listed, relative, said
 
 Quantity = Literal["K", "C"]
 QUANTITIES: tuple[Quantity, ...] = ("K", "C")

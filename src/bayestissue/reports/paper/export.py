@@ -31,11 +31,7 @@ _SIZE = re.compile(r'width="([\d.]+)" height="([\d.]+)"')
 
 
 def write_paper(
-    run: FitRun,
-    folder: Path,
-    *,
-    certified: Mapping[str, Any] | None = None,
-    width_mm: float = WIDTH_MM,
+    run: FitRun, folder: Path, *, certified: Mapping[str, Any] | None = None, width_mm: float = WIDTH_MM
 ) -> None:
     """Write ``methods.md``, ``methods.docx``, ``checklists.md``, ``tables.xlsx`` and ``figures/``.
 

@@ -24,10 +24,7 @@ MOST_ROWS = 2**20 - 1
 
 
 def write_workbook(
-    path: Path,
-    table: Callable[[str], pd.DataFrame],
-    study: Study,
-    model: Mapping[str, Any],
+    path: Path, table: Callable[[str], pd.DataFrame], study: Study, model: Mapping[str, Any]
 ) -> None:
     """Write ``people_wide``, ``impacts``, every table of a fit, its priors, and what each column means.
 

@@ -6,9 +6,7 @@ import numpy as np
 
 from bayestissue.inference.results.meanings import UNITS
 from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.fit.method_agreement import (
-    apparent_exponent,
-)
+from bayestissue.reports.pages.fit.method_agreement import apparent_exponent
 from bayestissue.reports.pages.fit.study_answers import first_contrasts
 from bayestissue.reports.pages.page_settings import LIMITS, WORTH
 from bayestissue.reports.pages.posterior import (

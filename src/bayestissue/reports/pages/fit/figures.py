@@ -28,12 +28,7 @@ from bayestissue.reports.pages.fit.method_agreement import (
 )
 from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.page_settings import LIMITS
-from bayestissue.reports.pages.posterior import (
-    QUANTITIES,
-    exponent_figure,
-    group_words,
-    mass_curve,
-)
+from bayestissue.reports.pages.posterior import QUANTITIES, exponent_figure, group_words, mass_curve
 from bayestissue.reports.pages.wording import said
 
 

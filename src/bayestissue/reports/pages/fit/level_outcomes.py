@@ -165,8 +165,7 @@ def curves(run: FitRun, factor: str, quantity: str = FIRST) -> Figure:
     table = rows.assign(panel=[f"{mass:.3g} kg" for mass in rows["mass_kg"]]).reset_index(drop=True)
     table = table[["panel", "level", column, *ends, "beyond"]].astype({column: float})
     points = impacts.assign(
-        panel=[panels[at] for at in nearest],
-        drop_height_cm=fall_height(impacts["velocity_m_s"].to_numpy()),
+        panel=[panels[at] for at in nearest], drop_height_cm=fall_height(impacts["velocity_m_s"].to_numpy())
     )[["panel", "level", "impact", column, *ends]]
     for shown in (table, points):
         shown[ends] *= scale

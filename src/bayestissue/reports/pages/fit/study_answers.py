@@ -18,13 +18,7 @@ from bayestissue.reports.pages.page import worded
 from bayestissue.reports.pages.page_settings import LIMITS
 from bayestissue.reports.pages.page_tables import Field, Table, shown, table_of, table_of_cells
 from bayestissue.reports.pages.posterior import QUANTITIES
-from bayestissue.reports.pages.wording import (
-    Spread,
-    listed,
-    number,
-    percent,
-    significant,
-)
+from bayestissue.reports.pages.wording import Spread, listed, number, percent, significant
 
 # What reaches the body, or what is protected: the outcome of the first screen.
 FIRST_OUTCOME = "peak_force"
@@ -52,24 +46,23 @@ def _first(run: FitRun, kind: str) -> list[dict[str, Any]]:
     contrasts = []
     # Of several levels the two best: a table beside has them all.
     best = {factor: set(levels[:2]) for factor, levels in leading_levels(run).items() if len(levels) > 2}
-    for (factor, level, against), part in of_kind.groupby(["factor", "level", "against"], sort=False):
+    for place, part in of_kind.groupby(["factor", "level", "against"], sort=False):
+        factor, level, against = map(str, place)
         shown = part[part["quantity"].isin([q for q in QUANTITIES if q in run.of_tissue])].to_dict("records")
-        if not shown or not {str(level), str(against)} <= best.get(str(factor), {str(level), str(against)}):
+        if not shown or not {level, against} <= best.get(factor, {level, against}):
             continue
-        parts = _parted(str(factor), str(level), str(against)) if kind == INTERACTION else None
-        in_outcomes = [
-            (outcome_name(row["quantity"]), Spread.of(row, "ratio"))
-            for row in _of_outcomes(part).to_dict("records")
-        ]
+        parts = _parted(factor, level, against) if kind == INTERACTION else None
         contrasts.append(
             {
-                "what": contrast_name(kind, str(factor), str(level), str(against)),
+                "what": contrast_name(kind, factor, level, against),
                 "kind": kind,
                 "rows": {row["quantity"]: row for row in shown},
-                "factor": str(factor),
+                "factor": factor,
                 "ratios": [(row["quantity"], Spread.of(row, "ratio")) for row in shown],
-                "outcomes": in_outcomes,
-                "first_outcome": in_outcomes[:1],
+                "outcomes": [
+                    (outcome_name(row["quantity"]), Spread.of(row, "ratio"))
+                    for row in _of_outcomes(part).to_dict("records")
+                ],
                 "words": worded("fit", "contrast", shown, percent(equivalence(run)), parts, ALSO),
             }
         )
