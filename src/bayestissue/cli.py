@@ -146,8 +146,7 @@ def main() -> None:
         # Whoever read the output has seen enough.
         _leave(1)
     except OSError as error:
-        where = error.filename or "standard output"
-        said = f"could not go on: {where}: {error.strerror or error}"
+        said = f"could not go on: {error.filename or 'standard output'}: {error.strerror or error}"
         _leave(5, said, *getattr(error, "__notes__", ()), _FAILED)
     except MemoryError as error:
         _leave(5, "could not go on: there is not enough memory", *getattr(error, "__notes__", ()), _FAILED)
