@@ -55,10 +55,10 @@ class _Init(_Command):
 
     @cached_property
     def _whole(self) -> Any:
-        made = typer.Typer(add_completion=False)
+        app = typer.Typer(add_completion=False)
         function, words = delivery.documented(init_command.with_options())
-        made.command(self.name, help=words)(function)
-        return typer.main.get_command(made)
+        app.command(self.name, help=words)(function)
+        return typer.main.get_command(app)
 
     @property
     def params(self) -> Any:

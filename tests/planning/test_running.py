@@ -77,7 +77,7 @@ def planned(**changed: object) -> PlannedStudy:
 def ready(begun: Begun) -> Planner:
     """Of nobody further, and of ten people."""
     case = planned(after=begun.after()).cases[0]
-    assert case.running.begun
+    assert case.running.started
     rows = case.running.rows
     more = pd.concat([rows[rows["subject"] == "s01"].assign(subject=f"new{n}") for n in range(10)])
     return planner([rows[:0], more], case.model, case.prior, case.simulation, running=case.running)
@@ -86,7 +86,7 @@ def ready(begun: Begun) -> Planner:
 def test_people_and_conditions_go_on(begun: Begun) -> None:
     study = planned(after=begun.after())
     assert study.cases[0].prior.fitted is not None
-    assert study.cases[0].running.begun
+    assert study.cases[0].running.started
     assert len(study.cases[0].running.rows) == 10
     rows = study.cases[0].design.rows()
     assert rows["subject"].tolist() == ["new001", "new002", "new003"]

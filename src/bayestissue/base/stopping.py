@@ -53,9 +53,9 @@ def requested() -> bool:
     return bool(_received)
 
 
-def interrupted(*kept: str) -> str:
+def interrupted(*results: str) -> str:
     """What is said at such an end: what was kept, and where more stands."""
-    return f"{'; '.join(['interrupted', *kept])}\n{_MORE}"
+    return f"{'; '.join(['interrupted', *results])}\n{_MORE}"
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -72,10 +72,10 @@ class Grid:
         columns = self.table.columns
         headed = any(column.title for column in columns)
         table = rich.table.Table(title=plain(self.title), title_justify="left", show_header=headed)
-        for place, column in enumerate(columns):
+        for position, column in enumerate(columns):
             side: Any = "right" if column.kind == "number" else "left"
             # Two rows whose first cells begin alike are told apart by the ends of these cells.
-            table.add_column(column.title, justify=side, overflow="ellipsis" if place else "fold")
+            table.add_column(column.title, justify=side, overflow="ellipsis" if position else "fold")
         for row in self.table.rows:
             table.add_row(*map(plain, row.cells))
         return table
@@ -136,7 +136,7 @@ class Stages:
         self._bars = bars if console.is_terminal and not quiet else None
 
     @property
-    def begun(self) -> bool:
+    def started(self) -> bool:
         """Whether any stage was told."""
         return bool(self._stage)
 

@@ -260,11 +260,11 @@ def simulate(
         stated = stated.model_copy(update={"seed": seed})
     campaign = simulation.simulate(stated)
     lines = specification.read_text(encoding="utf-8-sig").splitlines()
-    kept = [line for line in lines if line.split("=")[0].strip() != "seed"]
+    unseeded = [line for line in lines if line.split("=")[0].strip() != "seed"]
 
     def write(folder: Path) -> None:
         simulation.write_campaign(folder, campaign, stated)
-        text = "\n".join([f"seed = {stated.seed}", *kept, ""])
+        text = "\n".join([f"seed = {stated.seed}", *unseeded, ""])
         (folder / "truth.toml").write_text(text, encoding="utf-8")
 
     impacts, samples = counted(len(campaign.impacts), "impact"), campaign.traces.value.size

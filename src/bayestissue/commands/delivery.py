@@ -134,27 +134,27 @@ def delivers(
     """
 
     def declare(function: Callable[..., Result]) -> Callable[..., None]:
-        made = out if callable(out) and out is not inspect.Parameter.empty else None
-        options = _signature(function, shared, None if made else out)
+        default_out = out if callable(out) and out is not inspect.Parameter.empty else None
+        options = _signature(function, shared, None if default_out else out)
 
         @wraps(function)
         def run(**stated: Any) -> None:
             bound = options.bind(**stated)
             bound.apply_defaults()
-            given = bound.arguments
-            call = Call(**{name: given.pop(name) for name in (*shared, "out", "overwrite", "quiet")})
-            if call.out is None and made:
-                call.out = made(given)
-            values = [given[name] for name in inputs]
+            arguments = bound.arguments
+            call = Call(**{name: arguments.pop(name) for name in (*shared, "out", "overwrite", "quiet")})
+            if call.out is None and default_out:
+                call.out = default_out(arguments)
+            values = [arguments[name] for name in inputs]
             paths = [path for value in values for path in (value if isinstance(value, list) else [value])]
             how: dict[str, Any] = {"overwrite": call.overwrite, "command": function.__name__, "inputs": paths}
             with nullcontext() if call.out is None else claim(call.out, **how) as call.target:
                 runtime.configure()
                 with call.blocks:
-                    result = function(**given, call=call)
+                    result = function(**arguments, call=call)
                     if call.target is not None:
                         said = vars(call).get("say")
-                        result.put(call.target, said if said and said.begun else lambda *_: None)
+                        result.put(call.target, said if said and said.started else lambda *_: None)
                 _print(result, call, verdict, shown)
             passed = result.passed
             if call.then is not None and call.target is not None:
@@ -174,17 +174,17 @@ def _signature(function: Callable[..., Any], shared: tuple[str, ...], out: Any) 
     """The command's own options with those that are shared: --out behind what is needed, others last."""
     # A result's class is imported within the function.
     function.__annotations__.pop("return", None)
-    own = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "call"]
-    needed = [p for p in own if p.default is p.empty or _is_argument(p)]
+    stated = [p for p in inspect.signature(function, eval_str=True).parameters.values() if p.name != "call"]
+    needed = [p for p in stated if p.default is p.empty or _is_argument(p)]
     common = inspect.signature(Call, eval_str=True).parameters
-    place = common["out"].replace(annotation=common["out"].annotation if out is None else Path, default=out)
+    folder = common["out"].replace(annotation=common["out"].annotation if out is None else Path, default=out)
     last = [p for name, p in common.items() if name in (*shared, "overwrite", "quiet")]
-    ordered = [*needed, place, *(p for p in own if p not in needed), *last]
+    ordered = [*needed, folder, *(p for p in stated if p not in needed), *last]
     return inspect.Signature([p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in ordered])
 
 
 def _is_argument(option: inspect.Parameter) -> bool:
-    return any(isinstance(each, typer.models.ArgumentInfo) for each in get_args(option.annotation))
+    return any(isinstance(part, typer.models.ArgumentInfo) for part in get_args(option.annotation))
 
 
 def _print(result: Result, call: Call, verdict: Words, shown: Words) -> None:
@@ -207,8 +207,8 @@ def documented(command: Callable[..., None]) -> tuple[Callable[..., None], str]:
     its name, type and default in the signature, its meaning in a docstring. What else there is of it, such as
     bounds or another name, is `typer.Option` in its annotation; a bool is a flag.
     """
-    words, own = described(command.__doc__, "Args")
-    helps = described(__doc__, "Options")[1] | own
+    words, arguments = described(command.__doc__, "Args")
+    helps = described(__doc__, "Options")[1] | arguments
     signature = inspect.signature(command, eval_str=True)
     options = [_with_help(option, helps[option.name]) for option in signature.parameters.values()]
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]

@@ -106,8 +106,8 @@ def predict(
 
     fit = read_run(run)
     table = fit.predict(at, draws=draws, overwrite=call.overwrite, say=call.say)
-    made = _made(fit, "predictions", table, of_predictions)
-    return made if draws is None else replace(made, words=[*made.words, f"wrote {draws}"])
+    result = _made(fit, "predictions", table, of_predictions)
+    return result if draws is None else replace(result, words=[*result.words, f"wrote {draws}"])
 
 
 def report(run: Annotated[Path, typer.Argument(metavar="DIR")], quiet: Quiet = False) -> None:
@@ -159,9 +159,9 @@ def _of_certificate(certificate: Certificate) -> Iterator[Shown]:
     yield f"checklists: {answered} of {len(items)} items answered; the others are questions"
 
 
-def _beside(given: Mapping[str, Any]) -> Path:
+def _beside(arguments: Mapping[str, Any]) -> Path:
     """Where a certificate goes: beside the run."""
-    run: Path = given["run"].resolve()
+    run: Path = arguments["run"].resolve()
     return run.with_name(f"{run.name}-certificate")
 
 

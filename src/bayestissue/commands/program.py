@@ -103,15 +103,15 @@ def model(name: Annotated[str, typer.Argument(metavar="NAME|FILE")]) -> None:
     echo(resources.model_text(resources.model_file(name, lambda _: True)).rstrip())
 
 
-def _verdict(made: Made) -> Iterator[Shown]:
+def _verdict(result: Made) -> Iterator[Shown]:
     from bayestissue.commands.console import Grid
     from bayestissue.reports.pages.page_tables import shown
 
-    findings = made.tables["selftest"]
+    findings = result.tables["selftest"]
     failed = findings[findings["passed"] == 0]
     if len(failed):
         yield Grid("what failed", shown("selftest", failed, "failed"))
-    yield made.about["verdict"]["words"]
+    yield result.about["verdict"]["words"]
 
 
 @delivers(out=Path("selftest"), verdict=_verdict)
@@ -138,12 +138,12 @@ def selftest(thorough: bool = False, *, call: Call) -> Made:
         shutil.rmtree(work)
     passed, words = verdict(findings)
     judged = {"passed": passed, "words": words}
-    about = start.record("selftest", "selftest", thorough=thorough, machine=machine(), verdict=judged)
+    record = start.record("selftest", "selftest", thorough=thorough, machine=machine(), verdict=judged)
 
     def write(folder: Path) -> None:
-        (folder / "selftest.md").write_text(as_markdown(findings, about), encoding="utf-8")
+        (folder / "selftest.md").write_text(as_markdown(findings, record), encoding="utf-8")
 
-    return Made(about, {"selftest": findings}, write, passed=passed, files=("selftest.md",))
+    return Made(record, {"selftest": findings}, write, passed=passed, files=("selftest.md",))
 
 
 @delivers(inputs=("model",))
@@ -179,7 +179,7 @@ def reproduce(model: Model = None, seed: Seed = 0, *, call: Call) -> Made:
     analysis = analyse(observations, design, competing, specification, seed, say)
     agrees = reproduction["agrees"].astype("string").str.lower()
     words, passed = verdict_in_words(analysis.diagnostics), analysis.diagnostics["passed"]
-    about = start.record(
+    record = start.record(
         "reproduce",
         "published",
         model=specification.model_dump(mode="json") | design.resolved(),
@@ -194,10 +194,10 @@ def reproduce(model: Model = None, seed: Seed = 0, *, call: Call) -> Made:
         write_json(analysis.diagnostics, folder / "diagnostics.json")
 
     return Made(
-        about,
+        record,
         {"reproduction": reproduction.assign(agrees=agrees), "audit": audit, **analysis.tables},
         write,
-        partial(published_page, record=about),
+        partial(published_page, record=record),
         passed,
         words=[words, more(warned_codes(analysis.diagnostics))],
     )

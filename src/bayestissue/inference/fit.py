@@ -187,8 +187,8 @@ def _diagnostics(
     model, design, posterior = prepared.model, prepared.design, tree["posterior"].dataset
     of_impacts = [str(name) for name, values in posterior.data_vars.items() if "impact" in values.dims]
     # Outcomes of single impacts that follow from K and C, less the measured ones and those of questions.
-    asked = " ".join(specification.questions.values())
-    unasked = [name for name in HEADFORM_OUTCOMES if name not in MEASURED and name not in asked]
+    questions = " ".join(specification.questions.values())
+    unasked = [name for name in HEADFORM_OUTCOMES if name not in MEASURED and name not in questions]
     pooled = pooled_parameters(posterior, design.recorded, element(model.element))
     added = judge_added_mass(prepared, posterior, tree["prior"].dataset)
     return {

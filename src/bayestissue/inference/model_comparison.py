@@ -159,7 +159,7 @@ def compare_runs(trees: Trees, models: Models) -> pd.DataFrame:
     groups = of_same_numbers(trees, models)
     names = _data_names([models[group[0]] for group in groups])
     parts, schemes_of = [], {name: schemes(tree) for name, tree in trees.items()}
-    for dimension in dict.fromkeys(each for of_run in schemes_of.values() for each in of_run):
+    for dimension in dict.fromkeys(scheme for of_run in schemes_of.values() for scheme in of_run):
         for data, group in zip(names, groups, strict=True):
             if not all(dimension in schemes_of[name] for name in group):
                 continue
@@ -213,7 +213,7 @@ def _data_names(models: Sequence[Mapping[str, Any]]) -> list[str]:
     options = [model.get("signal", {}) for model in models]
     names = []
     for quantity, settings in zip(quantities, options, strict=True):
-        rivals = [o for other, o in zip(quantities, options, strict=True) if other == quantity]
+        rivals = [o for rival, o in zip(quantities, options, strict=True) if rival == quantity]
         differ = [key for key in settings if any(rival.get(key) != settings[key] for rival in rivals)]
         names.append(", ".join([quantity, *(f"{key} {settings[key]}" for key in differ)]))
     return names

@@ -153,7 +153,7 @@ def _file(fit: Fit, name: str) -> Path:
 
 def _require_distinct(runs: Sequence[Path]) -> None:
     places = [path.resolve() for path in runs]
-    first = [runs[places.index(place)] for place in places]
+    first = [runs[places.index(folder)] for folder in places]
     refuse(
         _unfit(str(path), f"another run than {earlier}", "Name each run once.", value="the same run")
         for path, earlier in zip(runs, first, strict=True)

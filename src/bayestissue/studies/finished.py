@@ -235,11 +235,11 @@ class Fit(FitRun, Result):
 
     def write(self, folder: Path) -> None:
         """Write every file of the run into a folder, but for the page that is drawn of them."""
-        about, dataset = self.about, self.dataset_folder
+        record, dataset = self.about, self.dataset_folder
         if dataset is not None:
-            about = about | {"dataset_folder": _from_folder(dataset, folder)}
+            record = record | {"dataset_folder": _from_folder(dataset, folder)}
         super().write(folder)
-        write_json(about, folder / "run.json")
+        write_json(record, folder / "run.json")
         write_tree(self.posterior, folder / "posterior.nc")
         write_json(self.diagnostics, folder / "diagnostics.json")
         # A simulated dataset knows the truth; the report draws it in.
@@ -291,9 +291,9 @@ class Fit(FitRun, Result):
     def _certified(self, folder: Path) -> dict[str, Any]:
         """The verdict of this fit's certificate in a folder."""
         record = read_about(folder)
-        of = record.get("run", {})
-        if record["kind"] != "certificate" or of.get("started") != self.about["started"]:
-            raise InputError.stated("not-a-run.certificate", str(folder), value=of.get("started"))
+        certified = record.get("run", {})
+        if record["kind"] != "certificate" or certified.get("started") != self.about["started"]:
+            raise InputError.stated("not-a-run.certificate", str(folder), value=certified.get("started"))
         verdict: dict[str, Any] = record["verdict"]
         return verdict
 

@@ -160,9 +160,9 @@ def fit_job(
     specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C), questions=ask)
     resolved(specification)
     run = continue_from if isinstance(continue_from, Fit | None) else read_run(continue_from)
-    if run is not None and (told := run.diagnostics.get("another_element")):
+    if run is not None and (rival := run.diagnostics.get("another_element")):
         # The earlier run was led to another element: this one goes on with that.
-        specification = model_form.stiffening_by(specification, told["formula"]) or specification
+        specification = model_form.stiffening_by(specification, rival["formula"]) or specification
     if skip_short:
         dataset = without_short(dataset, specification, source)
     dataset, prepared = prepare_without_phantoms(dataset, specification, source=source)
@@ -400,21 +400,21 @@ class FitJob:
         job = ChainJob(self.prepared, self.specification.sampler, self.seed, self.say, self.checkpoints)
         return fit_traces(job, self.specification, beginning)
 
-    def _again(self, besides: str, prepared: Prepared) -> FitJob:
+    def _again(self, words: str, prepared: Prepared) -> FitJob:
         """A second fit, its stages told and its checkpoints kept apart from those of the first."""
-        parts = self.checkpoints and self.checkpoints / besides.split()[-1]
+        parts = self.checkpoints and self.checkpoints / words.split()[-1]
         if parts is not None:
             parts.mkdir(exist_ok=True)
 
         def say(stage: str, done: int, total: int) -> None:
-            self.say(f"again with {besides}: {stage}", done, total)
+            self.say(f"again with {words}: {stage}", done, total)
 
         return replace(self, prepared=prepared, say=say, checkpoints=parts)
 
     def _first_or_second(self, expansions: GaussianFactor) -> tuple[FitJob, TraceAnalysis]:
         """The fit as the model file has it, or another that it leads to, with its model; see `fit`."""
-        end, form, told = self.earlier or EarlierRun(None, {}, {})
-        begun, took = runtime.CommandStart(), ""
+        end, form, rival = self.earlier or EarlierRun(None, {}, {})
+        start, took = runtime.CommandStart(), ""
         alone, may_add = not self.prepared.model.discrepancy, self.specification.may_add_discrepancy
         if self.earlier is None and may_add and alone:
             form = model_form.misfit_precheck(self.prepared, expansions, self.seed) or {}
@@ -422,8 +422,8 @@ class FitJob:
             first = self._sampled(end or (expansions if alone else None))
             form, end = first.diagnostics.get("model_form", {}), None
             if not (may_add and form.get("structured", False)):
-                return self, _with_element(first, told)
-            took = f", which took {max(begun.seconds, 1):.0f} s"
+                return self, _with_element(first, rival)
+            took = f", which took {max(start.seconds, 1):.0f} s"
             if (tried := self._another_element(form, took)) is not None:
                 return tried
         if self.earlier is None:
@@ -440,11 +440,11 @@ class FitJob:
     def _another_element(self, form: dict[str, Any], took: str) -> tuple[FitJob, TraceAnalysis] | None:
         """The fit of a spring that stiffens; None where nothing speaks for it, or it explains less."""
         names = self.prepared.impacts["impact"].astype(str).to_numpy()
-        told = model_form.instead(form, names, self.prepared.design.recorded)
-        stiffens = model_form.stiffening_by(self.specification, told["formula"]) if told else None
+        rival = model_form.instead(form, names, self.prepared.design.recorded)
+        stiffens = model_form.stiffening_by(self.specification, rival["formula"]) if rival else None
         if stiffens is None:
             return None
-        words = f"a stiffening spring is tried, by {told['formula']}"
+        words = f"a stiffening spring is tried, by {rival['formula']}"
         self.say(f"{words}: a second fit, as long as the first{took}", 1, 1)
         try:
             of_spring = prepare(self.dataset, stiffens, source="model")
@@ -453,7 +453,7 @@ class FitJob:
         of_spring = replace(of_spring, reference=self.prepared.reference)
         job = replace(self._again("a stiffening spring", of_spring), specification=stiffens)
         second = job._sampled(None)
-        return (job, _with_element(second, told)) if model_form.explains(second.diagnostics) else None
+        return (job, _with_element(second, rival)) if model_form.explains(second.diagnostics) else None
 
     def _of_recordings(
         self, analysis: TraceAnalysis, flags: list[list[Coded]], chain: dict[str, Any]
@@ -559,11 +559,11 @@ class FitJob:
         return {"discrepancy": discrepancy}
 
 
-def _with_element(analysis: TraceAnalysis, told: dict[str, Any]) -> TraceAnalysis:
+def _with_element(analysis: TraceAnalysis, rival: dict[str, Any]) -> TraceAnalysis:
     """A fit, with why it has another element than the model file."""
-    if not told:
+    if not rival:
         return analysis
-    return replace(analysis, diagnostics=analysis.diagnostics | {"another_element": told})
+    return replace(analysis, diagnostics=analysis.diagnostics | {"another_element": rival})
 
 
 def _of_channels(dataset: Dataset, prepared: Prepared, analysis: TraceAnalysis) -> dict[str, Any]:

@@ -139,9 +139,9 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     suffix = max(ends, key=len, default="")
     recordings = look(folder, suffix=suffix, ignore=ignore, stated=stated, sheets=sheets)
     guess = None
-    told = told_by(table) if table else []
-    if choices.pattern is None and "subject" not in told:
-        guess = guessed(recordings.files, [*choices.given, *told])
+    columns = told_by(table) if table else []
+    if choices.pattern is None and "subject" not in columns:
+        guess = guessed(recordings.files, [*choices.given, *columns])
     return _intake_from(recordings, choices.stating(pattern=guess), guess)
 
 

@@ -153,8 +153,8 @@ def mass_conclusion(run: PublishedRun) -> str:
     """What the exponent of K says about where its dependence on mass comes from."""
     omega = natural_frequencies(run)
     same = relative(np.sqrt(omega.max() / omega.min()) - 1)
-    found = constant_frequency_finding(run) is not None
-    return worded("published", "mass", exponent(run, "K"), *_decided(run), same if found else "")
+    confirmed = constant_frequency_finding(run) is not None
+    return worded("published", "mass", exponent(run, "K"), *_decided(run), same if confirmed else "")
 
 
 def constant_frequency_finding(run: PublishedRun) -> int | None:

@@ -29,8 +29,8 @@ _LITTER = re.compile(r"\.DS_Store|Thumbs\.db|desktop\.ini|\..+\.partial-\w+(\.ht
 def write_manifest(folder: Path, command: str) -> None:
     """Mark a folder as written by a command, with all that is in it now."""
     paths = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*"))}
-    own = _PAGES | {MANIFEST}
-    hashes = {name: file_sha256(path) for name, path in paths.items() if path.is_file() and name not in own}
+    pages = _PAGES | {MANIFEST}
+    hashes = {name: file_sha256(path) for name, path in paths.items() if path.is_file() and name not in pages}
     content = {"program": "bayestissue", "command": command, "sha256": hashes}
     (folder / MANIFEST).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
@@ -77,8 +77,8 @@ def foreign(folder: Path) -> list[str]:
     written, is_dataset = _hashes(folder), (folder / _DATASET).exists()
     if written is None:
         return ["a dataset" if is_dataset else "nothing that says that bayestissue wrote it"]
-    own = written.keys() | _PAGES | {MANIFEST}
-    parents = {str(parent) for name in own for parent in Path(name).parents}
+    known = written.keys() | _PAGES | {MANIFEST}
+    parents = {str(parent) for name in known for parent in Path(name).parents}
     others = []
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
@@ -86,7 +86,7 @@ def foreign(folder: Path) -> list[str]:
             others.append(f"{name} (a link)")
         elif path.is_dir():
             others += [] if name in parents else [f"{name}/"]
-        elif name not in own and not _LITTER.fullmatch(path.name):
+        elif name not in known and not _LITTER.fullmatch(path.name):
             others.append(name)
     lacks = not all((folder / name).is_file() for name in written)
     if is_dataset and not others and (lacks or _changed(folder)):

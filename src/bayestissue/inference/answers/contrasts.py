@@ -88,7 +88,7 @@ class Pair(NamedTuple):
     @property
     def weighted(self) -> list[tuple[dict[str, str], float]]:
         """What is given on either side, and its weight."""
-        others = [({self.column: other}, -1 / len(self.others)) for other in self.others]
+        others = [({self.column: against}, -1 / len(self.others)) for against in self.others]
         return [({self.column: self.level}, 1.0), *others]
 
 
@@ -130,8 +130,8 @@ class Contrast:
     def weighted(self) -> dict[At, float]:
         """Conditions and their weights, which add up to 0."""
         weights: dict[At, float] = defaultdict(float)
-        given = [(at, 1 / len(self.shared)) for at in self.shared]
-        for parts in product(given, *(pair.weighted for pair in self.compared)):
+        shared = [(at, 1 / len(self.shared)) for at in self.shared]
+        for parts in product(shared, *(pair.weighted for pair in self.compared)):
             at = dict(ChainMap(*(dict(part) for part, _ in parts)))
             weights[tuple(sorted(at.items()))] += math.prod(weight for _, weight in parts)
         return dict(weights)
@@ -378,14 +378,14 @@ def _of_combinations(
             others = dict(zip(factors, combo, strict=True))
             level = others.pop(name)
             levels_at[tuple(others.items())].append(level)
-        alike: dict[Pair, list[dict[str, str]]] = defaultdict(list)
+        contexts: dict[Pair, list[dict[str, str]]] = defaultdict(list)
         for shared, levels in levels_at.items():
             for pair in _pairs(name, levels, most=len(levels)):
-                alike[pair].append(dict(shared))
-        for pair, at in alike.items():
+                contexts[pair].append(dict(shared))
+        for pair, at in contexts.items():
             if len(at) > 1 and name not in known:
                 yield Contrast((name,), (pair,), at)
-        yield from (Contrast(factors, (pair,), [shared]) for pair, at in alike.items() for shared in at)
+        yield from (Contrast(factors, (pair,), [shared]) for pair, at in contexts.items() for shared in at)
 
 
 def _ordered(levels: Sequence[str]) -> list[str]:
@@ -420,7 +420,7 @@ def _notes(recorded: Recorded, compared: Sequence[Contrast]) -> list[str]:
         )
         words = []
         for name in upper[0]:
-            pairs = {(one.get(name), other.get(name)) for one, other in zip(upper, lower, strict=True)}
+            pairs = {(one.get(name), against.get(name)) for one, against in zip(upper, lower, strict=True)}
             if all(None not in pair and pair[0] != pair[1] for pair in pairs):
                 level, against = min(pairs)
                 words.append(f"{name} ({level} against {against})" if len(pairs) == 1 else name)

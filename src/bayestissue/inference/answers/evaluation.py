@@ -176,15 +176,15 @@ def _critical_velocities(node: Critical, study: Study) -> PerDraw:
         return ends[sides], np.take_along_axis(of_all, sides, axis=0)
 
     low, high = slowest, fastest = SETTINGS.slowest, SETTINGS.fastest
-    some = np.unique(np.linspace(0, length - 1, max(SETTINGS.tried // chains, 1)).astype(int))
+    tried = np.unique(np.linspace(0, length - 1, max(SETTINGS.tried // chains, 1)).astype(int))
     for _ in range(3):
-        sides, _ = bracketed(low, high, np.add.outer(length * np.arange(chains), some).ravel())
+        sides, _ = bracketed(low, high, np.add.outer(length * np.arange(chains), tried).ravel())
         low, high = float(sides.min()), float(sides.max())
         # As far to either side again: other draws end beyond these.
         low, high = max(low * low / high, slowest), min(high * high / low, fastest)
-    every = np.arange(chains * length)
-    sides = np.stack([np.full(len(every), end) for end in (low, high)])
-    f = np.stack([difference(velocity, every) for velocity in sides])
+    index = np.arange(chains * length)
+    sides = np.stack([np.full(len(index), end) for end in (low, high)])
+    f = np.stack([difference(velocity, index) for velocity in sides])
     elsewhere = np.flatnonzero((~(f[0] < 0) & (low > slowest)) | ((f[1] < 0) & (high < fastest)))
     if len(elsewhere):
         sides[:, elsewhere], f[:, elsewhere] = bracketed(slowest, fastest, elsewhere)

@@ -322,12 +322,12 @@ class _Maker:
 
     def _over(self, name: Any, levels: list[tuple[Level, ...]]) -> Node:
         """The quantity, or the ratio of it at the two levels of the last column that has two."""
-        for place in reversed(range(len(levels))):
-            if len(levels[place]) > 1:
+        for last in reversed(range(len(levels))):
+            if len(levels[last]) > 1:
                 sides = [
-                    self._over(name, [*levels[:place], (one,), *levels[place + 1 :]]) for one in levels[place]
+                    self._over(name, [*levels[:last], (one,), *levels[last + 1 :]]) for one in levels[last]
                 ]
-                return _made("/", sides, levels[place][1].value_position, claim=False)
+                return _made("/", sides, levels[last][1].value_position, claim=False)
         return Quantity(as_name(_unquoted(name)), tuple(level for (level,) in levels), name.start_pos)
 
     def choice(self, parts: list[Any]) -> Node:

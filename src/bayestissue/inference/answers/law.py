@@ -116,7 +116,7 @@ class Law:
         if self.gravity:
             surroundings[GRAVITY] = np.array(self.gravity)
         p, shape = {**parameters, **surroundings}, parameters["K"].shape
-        every = (*p.values(), motion["mass_kg"], motion["velocity_m_s"])
+        arguments = (*p.values(), motion["mass_kg"], motion["velocity_m_s"])
 
         def of_part(*columns: np.ndarray) -> dict[str, Array]:
             # The last part is filled up with what stands in it already.
@@ -124,7 +124,7 @@ class Law:
             results = simulate(Collision(element(self.element), dict(zip(p, values, strict=True)), M, V))
             return {name: result[: len(columns[0])] for name, result in results.items()}
 
-        rows = tuple(np.broadcast_to(values, shape) for values in every)
+        rows = tuple(np.broadcast_to(values, shape) for values in arguments)
         return in_parts(of_part, rows, size, len(shape))
 
 

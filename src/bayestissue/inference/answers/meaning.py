@@ -38,7 +38,7 @@ from bayestissue.inference.results.labels import variables
 from bayestissue.mechanics.elements.head_injury import LONGEST
 from bayestissue.model.hierarchy.levels import NEW
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
-from bayestissue.recordings.dataset.cells import alike, in_whatever_case
+from bayestissue.recordings.dataset.cells import ignoring_case, in_whatever_case
 
 # The columns of the motion that a claim may be followed along.
 ALONG = (DROP_HEIGHT, "velocity_m_s")
@@ -78,8 +78,8 @@ def open_levels(quantity: Quantity, study: Study) -> dict[str, list[str]]:
 
 def condition_of(quantity: Quantity, recorded: Recorded) -> dict[str, str | float]:
     """What is given in the brackets of a response."""
-    given = quantity.given.items()
-    return {column: float(value) if takes_number(column, recorded) else value for column, value in given}
+    levels = quantity.given.items()
+    return {column: float(value) if takes_number(column, recorded) else value for column, value in levels}
 
 
 def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
@@ -170,7 +170,7 @@ def as_recorded(node: Node, study: Study) -> Node:
             labels = [*recorded.levels(column), NEW]
         elif arrays in draws and column in draws[arrays].dims:
             labels = _labels(draws, column)
-        value = None if level.value is None else alike(level.value, labels)
+        value = None if level.value is None else ignoring_case(level.value, labels)
         return replace(level, column=column, value=value)
 
     def changed(part: Node) -> Node:

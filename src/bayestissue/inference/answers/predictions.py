@@ -45,7 +45,7 @@ from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.levels import NEW
 from bayestissue.model.hierarchy.recorded import Condition, Recorded
 from bayestissue.model.hierarchy.responses import RESPONSES
-from bayestissue.recordings.dataset.cells import Records, alike, in_whatever_case, nearest, read_cells
+from bayestissue.recordings.dataset.cells import Records, ignoring_case, in_whatever_case, nearest, read_cells
 from bayestissue.recordings.dataset.source_files import Source, plain_text
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
@@ -260,7 +260,7 @@ def read_conditions(table: str | Path | pd.DataFrame, study: Study) -> list[Cond
         raise InputError(problems)
     for name in {*map(str, cells)} & {*recorded.named}:
         levels = recorded.levels(name)
-        cells[name] = cells[name].map({text: alike(text, levels) for text in set(cells[name])})
+        cells[name] = cells[name].map({text: ignoring_case(text, levels) for text in set(cells[name])})
     if problems := list(_slips(cells, rows, study, label)):
         raise InputError(problems)
     return [

@@ -64,9 +64,9 @@ def findings(diagnostics: Mapping[str, Any]) -> list[Finding]:
         for record in (entry if isinstance(entry, list) else [entry])
         if isinstance(record, dict) and "code" in record
     )
-    found = (Finding(**{name: r[name] for name in Finding._fields if name in r}) for r in records)
+    stated = (Finding(**{name: r[name] for name in Finding._fields if name in r}) for r in records)
     order = list(headlines())
-    return sorted(found, key=lambda one: order.index(one.code))
+    return sorted(stated, key=lambda one: order.index(one.code))
 
 
 def warnings(diagnostics: Mapping[str, Any]) -> list[Coded]:
@@ -91,11 +91,11 @@ def headline(diagnostics: Mapping[str, Any]) -> str:
     """The verdict in one short sentence, for whoever reads no further."""
     if not diagnostics["passed"]:
         return headlines()["r-hat"]
-    found = findings(diagnostics)
-    for one in found:
+    ranked = findings(diagnostics)
+    for one in ranked:
         if not one.passed:
             return headlines()[one.code].format(first=one.first)
-    news = [f"; {one.first}" for one in found if one.first][:1]
+    news = [f"; {one.first}" for one in ranked if one.first][:1]
     return f"Diagnostics passed{''.join(news)}."
 
 

@@ -200,8 +200,8 @@ def straight_lines(
         root = np.linalg.cholesky(cov)
         for i, name in enumerate(part.names):
             # A column as it was recorded; what is made of columns, "log(dose)" say, less its reference.
-            made = (part.covariates[:, i] * part.scale[i]).round(12)
-            values = recorded[name].to_numpy(float) if name in recorded else made
+            column = (part.covariates[:, i] * part.scale[i]).round(12)
+            values = recorded[name].to_numpy(float) if name in recorded else column
             levels = _levels(values)[rows]
             if ":" in name or "[" in name or levels.nunique() < 3:
                 continue

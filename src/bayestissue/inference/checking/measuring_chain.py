@@ -232,9 +232,9 @@ def common_gain(prepared: Prepared, posterior: xr.DataTree) -> Normal | None:
         return None
     declared, drawn = prepared.model.priors.log_gain, posterior["posterior"][intercept(GAIN)].to_numpy()
     precision = 1 / drawn.var()
-    told = precision - declared.sd**-2
-    if told > 0:
-        z = drawn.mean() * precision / told / np.hypot(declared.sd, told**-0.5)
+    gained = precision - declared.sd**-2
+    if gained > 0:
+        z = drawn.mean() * precision / gained / np.hypot(declared.sd, gained**-0.5)
         # As rarely as any one of the departures that `alarms` looks for, on either side.
         if abs(z) > norm.isf(RATE / len(JUDGED) / (3 + len(_GROUPS)) / 2):
             return declared
@@ -428,7 +428,7 @@ def structure_left(prepared: Prepared, name: str, estimate: ErrorEstimate) -> fl
 
 def in_words(account: dict[str, Any]) -> str:
     """Sentences on the error that the traces contradict: where, how large it is, and what to check."""
-    error, kind, alike, size = (account[name] for name in ("error", "kind", "alike", "relative"))
+    error, kind, rivals, size = (account[name] for name in ("error", "kind", "alike", "relative"))
     single = len(account["impacts"]) == 1
     common, of_group = account["common"] or single, error == AMPLITUDE and kind in _GROUPS
     share = _percent(size) if common else f"up to {_percent(account['greatest'])}"
@@ -443,7 +443,7 @@ def in_words(account: dict[str, Any]) -> str:
     named = first_of(account["groups"] or account["impacts"], _MOST_NAMED)
     counts = {"count": len(account["impacts"]), "of": account["of"]}
     sds = account["declared_sds"]
-    others = " or ".join(_said(f"error.{name}", share=_percent(other)) for name, other in alike.items())
+    others = " or ".join(_said(f"error.{name}", share=_percent(size)) for name, size in rivals.items())
     checks = _said(f"check.{error}") + (_said(f"check.{kind}") if of_group else "")
     return _said(
         "contradicted",
@@ -453,7 +453,7 @@ def in_words(account: dict[str, Any]) -> str:
         K=_change(account["change_K"]),
         C=_change(account["change_C"]),
         equivalents=_said("equivalents", others=others) if others else "",
-        checks=". ".join([checks, *(_said(f"check.{name}") for name in alike)]),
+        checks=". ".join([checks, *(_said(f"check.{name}") for name in rivals)]),
     )
 
 

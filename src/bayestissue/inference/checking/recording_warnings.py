@@ -97,10 +97,10 @@ def unused_channels(channels: Sequence[ChannelSettings], why: str) -> dict[str, 
     ).record()
 
 
-def _counted(named: list[str], of: int) -> dict[str, object]:
+def _counted(named: list[str], total: int) -> dict[str, object]:
     """The words of those that are named among all."""
     are = "is" if len(named) == 1 else "are"
-    return {"of": of, "count": len(named), "are": are, "named": first_of(named, NAMED)}
+    return {"of": total, "count": len(named), "are": are, "named": first_of(named, NAMED)}
 
 
 def missed_peaks(

@@ -105,7 +105,7 @@ class Inspected(NamedTuple):
         thickness = pd.to_numeric(impacts.get(THICKNESS, np.inf), errors="coerce")
         wrong, count = {TOO_DEEP: deepest > np.asarray(thickness, float), **wrong}, len(deepest)
         parts = zip(raised(self.findings, count), self.signal.flags, by_impact(wrong, count), strict=True)
-        return [[*spoilt, *made, *fitted] for spoilt, made, fitted in parts]
+        return [[*spoilt, *computed, *fitted] for spoilt, computed, fitted in parts]
 
     def _notes(self, noted: Masks) -> list[list[Coded]]:
         """What is only the method's or the recording's way, of each impact."""

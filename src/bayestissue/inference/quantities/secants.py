@@ -208,8 +208,8 @@ def comparable_draws(posterior: xr.Dataset, groups: Mapping[str, np.ndarray]) ->
             continue
         logs = xr.apply_ufunc(np.log, posterior[source])
         means = {"impacts": logs.mean("impact")} | {
-            stem_of(of): logs.assign_coords({of: ("impact", levels)}).groupby(of).mean("impact")
-            for of, levels in groups.items()
+            stem_of(level): logs.assign_coords({level: ("impact", levels)}).groupby(level).mean("impact")
+            for level, levels in groups.items()
         }
-        comparable |= {f"{name}_of_{of}": xr.apply_ufunc(np.exp, mean) for of, mean in means.items()}
+        comparable |= {f"{name}_of_{level}": xr.apply_ufunc(np.exp, mean) for level, mean in means.items()}
     return comparable

@@ -53,12 +53,12 @@ def _worded(table: str, *each: Mapping[str, str], **words: str) -> dict[str, Var
     """
     kind, _, name = table.partition(".")
     return {
-        pattern.format(**of): Variable(
-            {"unit": unit.format(**of), "long_name": long_name.format(**of)},
-            tuple(dimension.format(**of) for dimension in dims),
+        pattern.format(**values): Variable(
+            {"unit": unit.format(**values), "long_name": long_name.format(**values)},
+            tuple(dimension.format(**values) for dimension in dims),
         )
         for pattern, (unit, long_name, *dims) in (_DECLARED[kind][name] if name else _DECLARED[kind]).items()
-        for of in each or [words]
+        for values in each or [words]
     }
 
 

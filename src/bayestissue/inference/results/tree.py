@@ -54,8 +54,8 @@ def posterior_tree(
         for n in _columns(prepared)
     }
     recorded, kept_numbers = prepared.design.recorded, draws.kept_numbers
-    some = some_of(prepared, some_impacts(len(prepared.impacts)))
-    of_impacts = partial(labelled, coordinates=_coordinates(some, kept_numbers), further=further)
+    subset = some_of(prepared, some_impacts(len(prepared.impacts)))
+    of_impacts = partial(labelled, coordinates=_coordinates(subset, kept_numbers), further=further)
     of_all_impacts = partial(
         labelled,
         coordinates=_coordinates(prepared, kept_numbers),
@@ -79,10 +79,10 @@ def posterior_tree(
             "log_likelihood": of_impacts({"trace": log_likelihood["trace"]}),
             "log_likelihood_of_groups": of_impacts({k: v for k, v in log_likelihood.items() if k != "trace"}),
             "log_prior": of_impacts({name: np.asarray(v) for name, v in priors.items()}),
-            "posterior_predictive": of_impacts(predicted(some, draws, seed)),
-            "observed_data": of_impacts(_observed(some), sampled=False),
+            "posterior_predictive": of_impacts(predicted(subset, draws, seed)),
+            "observed_data": of_impacts(_observed(subset), sampled=False),
             "constant_data": of_all_impacts(_constants(prepared), sampled=False),
-            **_prior_groups(some, of_impacts, seed, rng, single=kept_numbers is not None),
+            **_prior_groups(subset, of_impacts, seed, rng, single=kept_numbers is not None),
         }
     )
 

@@ -240,7 +240,7 @@ def _of_impacts(variances: _Variances, whole: Float[Array, ""]) -> dict[str, Flo
     """
     one = variances.as_they_are()
     measured, scatter, _ = variances.at(one)
-    told = whole * _told(variances, measured + scatter)
+    precision = whole * _told(variances, measured + scatter)
     of_gain = variances.effects[COMMON_GAIN] > 0
     counts = jnp.where(of_gain, 1.0, whole)
     left_open = measured @ jnp.linalg.inv(measured + scatter) @ (counts * variances.columns)
@@ -251,7 +251,7 @@ def _of_impacts(variances: _Variances, whole: Float[Array, ""]) -> dict[str, Flo
         measured, scatter, _ = variances.at(factor)
         given_means = jnp.linalg.inv(jnp.linalg.inv(scatter) + jnp.linalg.inv(measured))
         _, _, effects = variances.at(one | {name: factor[name] for name in _SHARED.values()})
-        covariance = jnp.linalg.inv(told + jnp.diag(1 / effects))
+        covariance = jnp.linalg.inv(precision + jnp.diag(1 / effects))
         of_all = jnp.diagonal(given_means, axis1=1, axis2=2) + ((pulled @ covariance) * pulled).sum(-1)
         return of_all[:, : len(RESPONSES)]
 

@@ -86,12 +86,12 @@ def interval(values: xr.DataArray, name: str = "") -> dict[str, np.ndarray]:
         each by what dimensions the values have besides.
     """
     drawn = [name for name in values.dims if name in ("chain", "draw", "kept_draw")]
-    rest = [values.sizes[name] for name in values.dims if name not in drawn]
-    flat = values.transpose(..., *drawn).to_numpy().reshape(math.prod(rest), -1)
+    shape = [values.sizes[name] for name in values.dims if name not in drawn]
+    flat = values.transpose(..., *drawn).to_numpy().reshape(math.prod(shape), -1)
     ends = quantiles(np.ascontiguousarray(flat), [0.05, 0.5, 0.95])
     names = (f"{name}_low", name, f"{name}_high") if name else ("low", "median", "high")
     # Of one value a number, and no array of one.
-    return {which: end.reshape(rest)[()] for which, end in zip(names, ends, strict=True)}
+    return {which: end.reshape(shape)[()] for which, end in zip(names, ends, strict=True)}
 
 
 def k_threshold(draws: int) -> float:

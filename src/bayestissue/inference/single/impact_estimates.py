@@ -192,12 +192,12 @@ class _Estimated:
             known = {"sd": ~(untold | self.noiseless), "median": posteriors.moved}.get(which, bounded)
             return np.where(known, values, np.nan)
 
-        columns = {column: number(*of) for column, of in _OSCILLATOR_COLUMNS.items()}
+        columns = {column: number(*source) for column, source in _OSCILLATOR_COLUMNS.items()}
         if posteriors.noise_p is not None:
             columns |= {_NOISE_P: posteriors.noise_p, _NOISE_SD: quantities["sigma"]["median"]}
         columns["pareto_k"] = posteriors.pareto_k
         return columns | {
-            column: number(*of) for column, of in INTERVAL_COLUMNS.items() if of[0] in quantities
+            column: number(*source) for column, source in INTERVAL_COLUMNS.items() if source[0] in quantities
         }
 
     def wrong(self, dataset: Dataset) -> dict[Coded, MaskPerImpact]:

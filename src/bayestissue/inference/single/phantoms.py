@@ -128,8 +128,8 @@ def _reference(dataset: Dataset, phantoms: Dataset) -> Reference:
         if abs(np.log(factor := float(np.exp(np.median(difference[stiffness == known]))))) > np.log(_FAR)
     )  # fmt: skip
     kinds = pd.Series(list(zip(stiffness, sd, strict=True))).factorize()[0]
-    own = np.maximum(variance[stands] - common, of_exact[stands] / 4)
-    by_phantoms = mass_factor(difference, own, common, sd / stiffness, kinds)
+    individual = np.maximum(variance[stands] - common, of_exact[stands] / 4)
+    by_phantoms = mass_factor(difference, individual, common, sd / stiffness, kinds)
     return with_declared(by_phantoms, dataset.uncertainty.relative_mass_sd, table)
 
 

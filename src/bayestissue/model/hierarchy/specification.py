@@ -60,7 +60,7 @@ def refused(facts: Facts, at: str) -> list[Combination]:
     return [
         one
         for one in COMBINATIONS
-        if one.at == at and all(facts.get(name) in some for name, some in one.facts.items())
+        if one.at == at and all(facts.get(name) in allowed for name, allowed in one.facts.items())
     ]
 
 

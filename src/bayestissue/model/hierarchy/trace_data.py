@@ -119,8 +119,8 @@ def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str)
             source=source,
         )
     if passed_over := specification.priors_passed_over(design.terms):
-        given = {"terms": ", ".join(map(str, design.terms)) or "none"}
-        raise InputError.stated("formula.prior", source, None, "priors", ", ".join(passed_over), **given)
+        words = {"terms": ", ".join(map(str, design.terms)) or "none"}
+        raise InputError.stated("formula.prior", source, None, "priors", ", ".join(passed_over), **words)
     signal = displacements(dataset, specification.signal)
     problems = too_short(dataset, signal, source)
     if problems:
@@ -224,8 +224,8 @@ def assemble(
 def _common_gain_sd(dataset: Dataset, specification: ModelSpecification) -> float:
     """Standard deviation of the gain's error that is one of all impacts; 0 where each has its own."""
     shared = specification.gain_error == "all" and len(dataset.impacts) > 1
-    told = dataset.quantity != "displacement" and element(specification.element).added_mass is None
-    return dataset.uncertainty.relative_gain_sd if shared and told else 0.0
+    identified = dataset.quantity != "displacement" and element(specification.element).added_mass is None
+    return dataset.uncertainty.relative_gain_sd if shared and identified else 0.0
 
 
 def in_proportion_to_mass(of_element: str) -> tuple[str, ...]:
@@ -340,8 +340,8 @@ class _Recordings:
         undecided = signal.phase.kind == "undecided"
         if self.reach:
             return undecided and self.element.jumps and not signal.uneven.any()
-        asked = undecided or (signal.phase.kind == "between" and _bent(signal))
-        return asked and bool((signal.contact.interval_s > 0).any())
+        unknown = undecided or (signal.phase.kind == "between" and _bent(signal))
+        return unknown and bool((signal.contact.interval_s > 0).any())
 
     @property
     def velocity_sd(self) -> np.ndarray:
@@ -419,7 +419,7 @@ class _Recordings:
         sixty samples 90 % intervals of Hunt and Crossley's C then held 85 %.
         """
         signal, reach = self.signal, self.reach
-        fraction = signal.phase.place if signal.phase.known else None
+        fraction = signal.phase.fraction if signal.phase.known else None
         before = np.pad(signal.before.value, ((0, 0), (max(0, reach - BEFORE), 0)))
         before = before[:, before.shape[1] - reach :]
         n_before = np.minimum(signal.before.n_samples, reach)

@@ -67,8 +67,8 @@ class SensorTrace[N: Noise](NamedTuple):
         self, rows: Float[Array, "impact cell part row"]
     ) -> Float[Array, "impact cell part shock"]:
         """T^-1/2 of such rows."""
-        asked = jnp.where(self.noise.inside[:, None, None], rows[..., :: self.stride], 0.0)
-        white: Array = jax.vmap(lambda noise, rows: noise.whitened(rows))(self.noise, asked)
+        samples = jnp.where(self.noise.inside[:, None, None], rows[..., :: self.stride], 0.0)
+        white: Array = jax.vmap(lambda noise, rows: noise.whitened(rows))(self.noise, samples)
         return white
 
 

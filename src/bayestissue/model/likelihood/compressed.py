@@ -92,12 +92,12 @@ class CompressedTraces(NamedTuple):
             of_count, number = lengths == count, min(count, TERMS)
             nodes, frame = _gauss(np.linspace(-1.0, 1.0, count), number)
             pairs, odd = divmod(number, 2)
-            every = np.r_[_PAIRS - odd - pairs : _PAIRS - odd, _PAIRS : _PAIRS + pairs + odd]
+            columns = np.r_[_PAIRS - odd - pairs : _PAIRS - odd, _PAIRS : _PAIRS + pairs + odd]
             inside = rows[of_count, :, :count]
             at_nodes = inside @ frame.T
             later[of_count, : pairs + odd] = nodes[pairs:]
-            root_weight[np.ix_(of_count, every)] = frame.sum(1)
-            values[np.ix_(of_count, range(len(rows[0])), every)] = at_nodes
+            root_weight[np.ix_(of_count, columns)] = frame.sum(1)
+            values[np.ix_(of_count, range(len(rows[0])), columns)] = at_nodes
             left[of_count] = ((inside - at_nodes @ frame)[:, 0] ** 2).sum(-1)
         lanes = len(dt) if len(dt) <= 2 * LANES else gcd(len(dt), LANES)
         blocks = (

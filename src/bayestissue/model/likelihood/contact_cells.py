@@ -80,8 +80,8 @@ def channel_of(
             parts = jnp.stack([longer[..., cell : cell + width] for cell in range(reach)], axis=1)
         d, parts = parts[:, :, GAIN], parts.at[:, :, OFFSET].set(offset_row(record)[:, None])
     modes = jnp.broadcast_to(modes_of(record)[:, None], (*parts.shape[:2], *modes_of(record).shape[1:]))
-    every = jnp.concatenate([modes, parts], axis=2)
-    return SensorTrace(samples[:, None] - d, every, log_sigma, noise_of(record), record.colour.stride)
+    slopes = jnp.concatenate([modes, parts], axis=2)
+    return SensorTrace(samples[:, None] - d, slopes, log_sigma, noise_of(record), record.colour.stride)
 
 
 def force_channel(

@@ -103,8 +103,8 @@ class DisplacementRecord(NamedTuple):
     def with_traces(self, traces: PerSample) -> DisplacementRecord:
         """The record of other traces."""
         same = map(np.asarray, (self.n_samples, self.first_time, self.dt, self.error_sd))
-        made = displacement_record(traces, *same)
-        return self._replace(x=made.x, columns=made.columns, spread=made.spread)
+        record = displacement_record(traces, *same)
+        return self._replace(x=record.x, columns=record.columns, spread=record.spread)
 
     def impacts(self, rows: Int[np.ndarray, " row"]) -> DisplacementRecord:
         """The record of some impacts."""

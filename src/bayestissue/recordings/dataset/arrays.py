@@ -42,7 +42,7 @@ _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
 _CALLED = {IMPACTS: "impacts (rows from 0)", SETTINGS: "arguments", _LONG: _LONG, _SINGLE: _SINGLE}
 _NAMES = {
     **{f" {where} {SETTINGS}": "" for where in ("in", "to", "of", "than")},
-    **{place: name for name, place in PLACES.items()},
+    **{key: name for name, key in PLACES.items()},
     **{"channel.0": "channels", "[[channel]]": "channel in channels", IMPACTS: "the table impacts"},
     **{"the key ": "the argument ", "a table with": "a dictionary with"},
 }

@@ -50,9 +50,9 @@ def number_in(text: str) -> float:
 def with_subject(names: Sequence[str]) -> list[str]:
     """Names of columns with "subject" for `Subject`, `Patient` and the like, where there is one of these."""
     for words in ((), ("subject",), _SUBJECTS):
-        alike = [name for name in names if name.casefold() in words or name == "subject"]
-        if len(alike) == 1:
-            return ["subject" if name == alike[0] else name for name in names]
+        candidates = [name for name in names if name.casefold() in words or name == "subject"]
+        if len(candidates) == 1:
+            return ["subject" if name == candidates[0] else name for name in names]
     return list(names)
 
 
@@ -68,7 +68,7 @@ def in_case_of(standard: Iterable[str], names: Sequence[str]) -> list[str]:
     return [known.get(one, name) if small.count(one) == 1 else name for name, one in pairs]
 
 
-def alike(name: str, names: Iterable[str]) -> str:
+def ignoring_case(name: str, names: Iterable[str]) -> str:
     """The one of ``names`` that differs at most in case; the name itself where that is none, or several."""
     names = list(names)
     same = [one for one in names if one.casefold() == name.casefold()]
@@ -80,7 +80,7 @@ def in_whatever_case(name: str, columns: Iterable[str]) -> str:
     columns = list(columns)
     if with_subject([name]) == ["subject"] and not any(c.casefold() == name.casefold() for c in columns):
         return "subject" if "subject" in columns else name
-    return alike(name, columns)
+    return ignoring_case(name, columns)
 
 
 def nearest(name: str, columns: Sequence[str]) -> str:

@@ -176,9 +176,9 @@ class SignalSettings(Stated):
 
     def in_si(self) -> Self:
         """The same of recordings in SI units, force over mass where there is gravity."""
-        kept = {key: getattr(self, key) for key in self.model_fields_set - _OF_FILES}
+        stated = {key: getattr(self, key) for key in self.model_fields_set - _OF_FILES}
         unit = "m" if self.dimension == "length" else "m/s^2"
-        return type(self)(**kept | {"unit": unit, "gravity": self.gravity_m_s2 or "none"})
+        return type(self)(**stated | {"unit": unit, "gravity": self.gravity_m_s2 or "none"})
 
     @property
     def limits_si(self) -> tuple[float, float] | None:
@@ -314,8 +314,8 @@ class ChannelSettings(TomlTable, strict=True):
 
     def in_si(self) -> Self:
         """The same of recordings in SI units in a table of their own."""
-        kept = {key: getattr(self, key) for key in self.model_fields_set - _OF_FILES}
-        return type(self)(**kept | {"unit": "N", "file": f"{self.quantity}.csv.gz"})
+        stated = {key: getattr(self, key) for key in self.model_fields_set - _OF_FILES}
+        return type(self)(**stated | {"unit": "N", "file": f"{self.quantity}.csv.gz"})
 
     def __str__(self) -> str:
         behind = f", behind a tip of {self.tip_mass_kg:g} kg" if self.tip_mass_kg else ""
@@ -460,12 +460,12 @@ _KEYS = {
     if key not in Stated.model_fields
 } | {key: field for key, field in Settings.model_fields.items() if key not in (*_TABLED, "channel")}
 # By the name of the argument that states it: where a key stands.
-PLACES = {place.rpartition(".")[2]: place for place in _KEYS}
+PLACES = {key.rpartition(".")[2]: key for key in _KEYS}
 
 
 def arguments() -> dict[str, Argument]:
     """The argument of each of `PLACES`, with what it means."""
-    return {name: argument(_KEYS[place]) for name, place in PLACES.items()}
+    return {name: argument(_KEYS[key]) for name, key in PLACES.items()}
 
 
 def content_of(stated: Mapping[str, Any], places: Mapping[str, str] = PLACES) -> dict[str, Any]:

@@ -492,14 +492,14 @@ def _decimal(
         The mark; and where no number of the table tells it and one may be read in two ways, the row, the
         column and the text of its cell.
     """
-    told: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     unsure = None
     separated = lines.delimiter == ","
     first = sum(record.row >= first_row for record in lines.records)
     tells = re.search(rb'"' if separated else rb"\d[.,]\d", body)
     records = _records(body.tobytes().decode("utf-8", "ignore"), lines.delimiter)
     for number, record in enumerate(records):
-        if number >= first and (told or not tells):
+        if number >= first and (counts or not tells):
             break
         for column, text in enumerate(record.cells):
             cell = text.strip()
@@ -511,8 +511,8 @@ def _decimal(
             else:
                 # Of two marks the last one stands before decimals; one that repeats stands between thousands.
                 repeats = len(marks) > 1 and marks[-1] == marks[0]
-                told[_OTHER[marks[0]] if repeats else marks[-1]] += 1
-    return ("," if told[","] > told["."] else "."), None if told else unsure
+                counts[_OTHER[marks[0]] if repeats else marks[-1]] += 1
+    return ("," if counts[","] > counts["."] else "."), None if counts else unsure
 
 
 def _settled(decimal: str, mark: str, stated: Stated, *, named: bool) -> tuple[str, str | None]:

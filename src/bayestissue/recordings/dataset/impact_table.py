@@ -221,10 +221,10 @@ def _known_stiffness(columns: dict[str, _CheckedColumn]) -> Iterator[Problem]:
     A standard deviation above half of the stiffness is of another unit: N/mm of the one and N/m of the other.
     """
     empty = {name: columns[name].empty for name in REFERENCE if name in columns}
-    for name, other in (REFERENCE, REFERENCE[::-1]):
+    for name, partner in (REFERENCE, REFERENCE[::-1]):
         if name in empty:
-            lacking = ~empty[name] & empty.get(other, np.ones_like(empty[name]))
-            yield from columns[name].wrong(lacking, "reference-unfit.half", other=other)
+            lacking = ~empty[name] & empty.get(partner, np.ones_like(empty[name]))
+            yield from columns[name].wrong(lacking, "reference-unfit.half", other=partner)
     if len(empty) == len(REFERENCE):
         stiffness, sd = (columns[name].numbers for name in REFERENCE)
         for index in np.flatnonzero(sd >= PLAUSIBLE.most_sd * stiffness):

@@ -208,10 +208,10 @@ class Dataset(Outlined):
         left_out = len({problem.impact for problem in self.left_out})
         said = [counted(len(self.warnings), "warning")] if self.warnings else []
         said += [f"{counted(left_out, 'impact')} left out"] if left_out else []
-        each = span(self.traces.n_samples, "samples each")
+        samples = span(self.traces.n_samples, "samples each")
         rows = [
             ("impacts", counts(self.impacts)),
-            ("recorded", f"{self.quantity}, {each}, {span(1 / self.traces.interval, 'Hz')}"),
+            ("recorded", f"{self.quantity}, {samples}, {span(1 / self.traces.interval, 'Hz')}"),
             *(("further channel", str(channel)) for channel in self.channels),
             *([("low-pass", str(self.recorder))] if self.recorder else []),
             *([("gravity along the motion", f"{self.gravity:.4g} m/s²")] if self.gravity else []),

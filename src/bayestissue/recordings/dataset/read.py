@@ -60,8 +60,8 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False, whole: bool = Fals
     """
     folder = Path(path)
     if not folder.is_dir():
-        found = "a file" if folder.exists() else "no such folder"
-        raise InputError.stated("no-dataset.folder", str(path), value=found)
+        actual = "a file" if folder.exists() else "no such folder"
+        raise InputError.stated("no-dataset.folder", str(path), value=actual)
     impacts = _impacts_file(folder)
     words = partial(reworded, files={IMPACTS: impacts.name}, names={})
     return in_words(partial(_read, folder, impacts, skip_bad=skip_bad, whole=whole), words, impacts.name)

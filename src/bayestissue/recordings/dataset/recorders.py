@@ -402,14 +402,14 @@ def _own_clock(contents: Contents, signal: SignalSettings, first: SignalSettings
         above = names[: names.index(value)] if value in names else ()
         return next((name for name in reversed(above) if name in clocks), None)
 
-    own, of_first = before(signal.value_column), before(first.value_column)
-    if own is not None and own != of_first == first.time_column:
-        return own
+    nearest, of_first = before(signal.value_column), before(first.value_column)
+    if nearest is not None and nearest != of_first == first.time_column:
+        return nearest
     # Times that no column of values stands behind.
     alone = {name for name, behind in pairwise([*names, first.time_column]) if behind in clocks}
     for name in clocks:
         times = _as_beside(columns[name], name, shared, first)
-        if name in alone | {own, of_first} and _contradict(shared.values, times.values):
+        if name in alone | {nearest, of_first} and _contradict(shared.values, times.values):
             where = label, None, None, ", ".join(clocks)
             raise InputError.stated("clock-and-channel.which", *where, channel=signal.value_column)
     return first.time_column
@@ -447,7 +447,7 @@ def _as_beside(times: Channel, name: str, shared: Channel, first: SignalSettings
 
 def _contradict(times: np.ndarray, others: np.ndarray) -> bool:
     """Whether two clocks ran at the same time, and show other times for the same rows."""
-    times, others = (each[np.isfinite(each)] for each in (times, others))
+    times, others = (clock[np.isfinite(clock)] for clock in (times, others))
     together = max(times.min(), others.min()) < min(times.max(), others.max())
     step = np.ptp(times) / (times.size - 1)
     return bool(together and (times.size != others.size or np.abs(times - others).max() > _ALIKE * step))

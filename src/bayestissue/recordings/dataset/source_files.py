@@ -367,8 +367,8 @@ def _time_of(cell: Any, days: object) -> Any:
         return cell
     lasts = isinstance(cell, timedelta)
     seconds = 86_400 * (days if lasts else days % 1)
-    minutes, rest = divmod(seconds, 60)
-    clock = f"{int(minutes // 60):02}:{int(minutes % 60):02}:{rest:012.9f}"
+    minutes, remainder = divmod(seconds, 60)
+    clock = f"{int(minutes // 60):02}:{int(minutes % 60):02}:{remainder:012.9f}"
     whole = not lasts and abs(seconds - round(seconds)) < 1e-6
     return cell if whole else f"{cell.date()} {clock}" if isinstance(cell, datetime) else clock
 

@@ -82,19 +82,19 @@ def twins(traces: Traces) -> Iterator[tuple[int, int, bool]]:
     groups = [[distinct[at] for at in np.flatnonzero(rates == rate)] for rate in np.unique(rates)]
     for fine, coarse in combinations(groups, 2):
         ratio = traces.interval[coarse[0]] / traces.interval[fine[0]]
-        if 2 <= (every := round(ratio)) <= TWINS.kept and abs(ratio / every - 1) < 2 * RATE_WITHIN:
-            thinned = [(which, values[which][begin::every]) for which in fine for begin in range(every)]
+        if 2 <= (factor := round(ratio)) <= TWINS.kept and abs(ratio / factor - 1) < 2 * RATE_WITHIN:
+            thinned = [(which, values[which][begin::factor]) for which in fine for begin in range(factor)]
             yield from _again([*thinned, *((which, values[which]) for which in coarse)], values)
 
 
 def _again(rows: list[tuple[int, np.ndarray]], whole: list[np.ndarray]) -> Iterator[tuple[int, int, bool]]:
     """The twins among recordings, by their places and samples; their noise is that of the ``whole`` ones."""
-    rows = [(place, value) for place, value in rows if value.size > 2 * TWINS.window and np.ptp(value) > 0]
-    rows = [(place, value) for place, value in rows if np.isfinite(np.square(value).sum())]
+    rows = [(which, value) for which, value in rows if value.size > 2 * TWINS.window and np.ptp(value) > 0]
+    rows = [(which, value) for which, value in rows if np.isfinite(np.square(value).sum())]
     if len(rows) < 2:
         return
     places, values = zip(*rows, strict=True)
-    noise = np.array([_noise(whole[place]) for place in places])
+    noise = np.array([_noise(whole[which]) for which in places])
     height = np.array([np.ptp(value) for value in values])
     first: dict[int, int] = {}
     window, steep = TWINS.window, TWINS.steep

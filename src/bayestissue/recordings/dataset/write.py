@@ -55,8 +55,8 @@ def write_dataset(
     (folder / "dataset.toml").write_text(settings_text(settings), encoding="utf-8")
     write_table(impacts, folder / "impacts.csv")
     if traces is not None:
-        beside = [channel for channel in settings.get("channel", ()) if "file" not in channel]
-        names = [one[key] for one in beside for key in ("time_column", "value_column") if key in one]
+        in_table = [channel for channel in settings.get("channel", ()) if "file" not in channel]
+        names = [one[key] for one in in_table for key in ("time_column", "value_column") if key in one]
         columns = dict.fromkeys([signal.time_column, signal.value_column, *names])
         _write_table(traces[["impact", *columns]], folder / trace_file)
     for name, table in (further or {}).items():

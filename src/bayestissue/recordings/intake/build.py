@@ -35,7 +35,7 @@ from bayestissue.recordings.signal.signal_settings import CONTACT
 RECORDINGS = "recordings"
 FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
 _OPTIONS = {
-    **{place: f"--{name.replace('_', '-')}" for name, place in PLACES.items()},
+    **{key: f"--{name.replace('_', '-')}" for name, key in PLACES.items()},
     **{f"signal.{key}": f"--text {key}" for key in Stated.model_fields},
 }
 # Of a key of dataset.toml in a sentence: there is no such file yet.
@@ -134,8 +134,8 @@ def _option_of(key: str) -> str | None:
 
 def _in_terms_of_init(problem: Problem) -> Problem:
     """A problem of the dataset in the words of who has not seen it yet: their files, their options."""
-    own = {"impacts.csv": "impacts.csv as init would write it"}
-    problem = reworded(problem, own, _NAMES)
+    files = {"impacts.csv": "impacts.csv as init would write it"}
+    problem = reworded(problem, files, _NAMES)
     return replace(problem, file=problem.file.removeprefix(f"{RECORDINGS}/"))
 
 
@@ -268,8 +268,8 @@ class _Plan:
         stretches = cut(trace, **how)
         if not stretches or (numbers and sorted(numbers) != list(range(1, len(stretches) + 1))):
             key = "several-impacts.table" if numbers else "several-impacts.none"
-            found = counted(len(stretches), "impact")
-            raise InputError.stated(key, file.name, value=found, count=len(numbers))
+            actual = counted(len(stretches), "impact")
+            raise InputError.stated(key, file.name, value=actual, count=len(numbers))
         return [
             self.facts.of_number.get((file.name, number), common)
             | {CROP[0]: max(start, first), CROP[1]: min(stop, last)}

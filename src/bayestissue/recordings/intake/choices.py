@@ -58,7 +58,7 @@ class Cutting:
 
 # Keys of ``dataset.toml`` that an option states under another name, and where the key of each option stands.
 _NAMES = {"value_column": "channel", "time_column": "time"}
-PLACES = {_NAMES.get(name, name): place for name, place in KEYS.items() if name != "source"}
+PLACES = {_NAMES.get(name, name): key for name, key in KEYS.items() if name != "source"}
 
 
 class Choices(TomlTable):
@@ -218,12 +218,12 @@ def settle(
     chosen = channels[named] if named else [channel for name in values for channel in channels[name]]
     rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
     if not rated and not all(channel.clock for channel in chosen):
-        choices, asked = _answered(choices, "time", _time(channels, named))
-        questions += asked
+        choices, missing = _answered(choices, "time", _time(channels, named))
+        questions += missing
     if (time := choices.stated("time")) is not None and choices.stated("time_unit") is None:
         choices = choices.stating(time_unit=_unit(channels[time], ["time"]))
-    choices, asked = _measured(choices, chosen)
-    questions += [*asked, *_facts_wanted(choices, facts, several=len(recordings.files) > 1)]
+    choices, missing = _measured(choices, chosen)
+    questions += [*missing, *_facts_wanted(choices, facts, several=len(recordings.files) > 1)]
     return choices.stating(beside=force if choices.stated("quantity") in BESIDE_FORCE else {}), questions
 
 
@@ -377,8 +377,8 @@ def _force_channel(choices: Choices, recordings: RecorderFolder) -> dict[str, An
             return {}
         value = name or "no value_column"
         raise InputError.stated("no-channel.option", "--force", value=value, names=", ".join(candidates))
-    place = "base" if _BELOW.search(name) else "impactor"
-    defaults = {"name": "force", "quantity": "force", "place": place}
+    location = "base" if _BELOW.search(name) else "impactor"
+    defaults = {"name": "force", "quantity": "force", "place": location}
     unit = _unit(candidates[name], ["force"])
     return defaults | ({"unit": unit} if unit else {}) | force | {"value_column": name}
 

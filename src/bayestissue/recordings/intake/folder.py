@@ -160,9 +160,9 @@ def look(
     wanted = next(filter(None, sorted_out), []) or [path for path in paths if is_text_of_numbers(path)]
     if not wanted:
         ends = ", ".join(sorted({suffix_of(path) or path.name for path in paths})[:10])
-        found = f"files ending in {ends}" if paths else "no files"
+        present = f"files ending in {ends}" if paths else "no files"
         endings = suffix or ", ".join((*SUFFIXES, *TEXT_SUFFIXES))
-        raise InputError.stated("no-recordings.files", str(folder), value=found, endings=endings)
+        raise InputError.stated("no-recordings.files", str(folder), value=present, endings=endings)
     files: list[RecorderFile] = []
     problems: list[tuple[Source, Problem]] = []
     passed_over: dict[str, list[str]] = {}
@@ -195,8 +195,8 @@ def _summaries(contents: Contents) -> dict[str, ChannelSummary]:
     return summaries
 
 
-def _sheets(file: Source, each: bool | None, passed_over: dict[str, list[str]]) -> list[Source]:
-    """The sheets of a workbook, of which the first alone where ``each`` is False; another file as it is."""
+def _sheets(file: Source, separate: bool | None, passed_over: dict[str, list[str]]) -> list[Source]:
+    """The sheets of a workbook, the first alone where ``separate`` is False; another file as it is."""
     if not file.is_sheet:
         return [file]
     try:
@@ -205,10 +205,10 @@ def _sheets(file: Source, each: bool | None, passed_over: dict[str, list[str]]) 
         # Whoever reads it says what is wrong.
         return [file]
     _note("hidden sheets", file, hidden, passed_over)
-    if each is False:
+    if separate is False:
         what = 'sheets behind the first (--pattern "{subject}.xlsx#{}" reads each)'
         _note(what, file, shown[1:], passed_over)
-    return [file] if each is False or not shown else [replace(file, part=sheet) for sheet in shown]
+    return [file] if separate is False or not shown else [replace(file, part=sheet) for sheet in shown]
 
 
 def _note(what: str, file: Source, parts: Sequence[str], passed_over: dict[str, list[str]]) -> None:
@@ -219,7 +219,7 @@ def _note(what: str, file: Source, parts: Sequence[str], passed_over: dict[str, 
 def _sorted_out(
     files: list[RecorderFile],
     problems: list[tuple[Source, Problem]],
-    each: bool | None,
+    separate: bool | None,
     passed_over: dict[str, list[str]],
 ) -> tuple[list[RecorderFile], list[Problem]]:
     """The recordings, and what is wrong, without parts that are empty or hold no recording.
@@ -240,7 +240,7 @@ def _sorted_out(
         source = parts[0].source
         what = f"{'sheets' if source.is_sheet else 'blocks'} without a recording"
         _note(what, source, [file.source.part for file in parts if file not in held], passed_over)
-        named = each or source.is_sheet in several
+        named = separate or source.is_sheet in several
         recordings += held if named else [replace(f, source=replace(f.source, part="")) for f in held]
     return recordings, [problem for _, problem in problems]
 

@@ -142,7 +142,7 @@ class Pattern:
 
     def whole(self, fields: Mapping[str, str]) -> dict[str, str]:
         """The fields of a file; one that counts anew in each level of another has that before it."""
-        levels = {name: f"{fields[other]}-{fields[name]}" for name, other in self.within.items()}
+        levels = {name: f"{fields[outer]}-{fields[name]}" for name, outer in self.within.items()}
         return {**fields, **levels}
 
     def fits(self, file: Source) -> bool:
@@ -185,7 +185,7 @@ _CUTS = re.compile(r"([_\-\s/]+)")
 _NUMBERED = re.compile(r"(?P<before>[^\W\d]*)(?P<number>\d+(?:[.,]\d+)?)(?P<after>[^\W\d]*)")
 _WORDS = declared(__package__, "words.toml")
 _UNITS: dict[str, str] = _WORDS["units"]
-_PAIRS = [(set(one), set(other)) for one, other in _WORDS["pairs"]]
+_PAIRS = [(set(one), set(opposite)) for one, opposite in _WORDS["pairs"]]
 _SIDES = frozenset(word for pair in _PAIRS for side in pair for word in side)
 _SESSIONS, _TIMES, _REPEATS, _GROUPS = (
     frozenset(_WORDS[name]) for name in ("sessions", "times", "repeats", "groups")

@@ -356,7 +356,7 @@ def _integrated(
     first = cumulative(slowing, rule)
     second = cumulative(replace(part, value=first), rule)
     bracketed = (onset.most > onset.least) & (onset.most < 1.5 * dt) & ~onset.blurred & ~part.uneven
-    start = find_start(part, (first, second), bracket, np.where(bracketed, dt, 0.0), phase.place)
+    start = find_start(part, (first, second), bracket, np.where(bracketed, dt, 0.0), phase.fraction)
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * part.time_s - second
     # The tissue pushes up to the last sample clear of the noise; one clear of great noise that has lifted.

@@ -147,15 +147,15 @@ class Force:
             r, rm = np.linalg.lstsq(columns, self.ratio[known])[0]
             moving = rm / self.mass if 0 < rm <= r * mass.min() else moving
         centre = float(np.median((self.ratio - moving)[known]))
-        own = np.hypot(self.ratio_sd, np.nanmedian(self.ratio_sd))
-        beyond = np.maximum(_OWN_ERRORS * own, _LEAST_APART * abs(centre))
+        sd = np.hypot(self.ratio_sd, np.nanmedian(self.ratio_sd))
+        beyond = np.maximum(_OWN_ERRORS * sd, _LEAST_APART * abs(centre))
         return known & (np.abs(self.ratio - moving - centre) > beyond)
 
     @property
     def between(self) -> str:
         """From which to which ratio impacts have, and how well each is known, in words."""
-        own = 100 * np.nanmedian(self.ratio_sd / self.ratio)
-        return f"{np.nanmin(self.ratio):.3g} to {np.nanmax(self.ratio):.3g}, each known to {own:.1g} %"
+        percent = 100 * np.nanmedian(self.ratio_sd / self.ratio)
+        return f"{np.nanmin(self.ratio):.3g} to {np.nanmax(self.ratio):.3g}, each known to {percent:.1g} %"
 
     @property
     def late(self) -> str:
@@ -237,11 +237,11 @@ def _impulses(dataset: Dataset, channel: ChannelSettings, signal: Displacements)
 
 def _forces(dataset: Dataset, channel: ChannelSettings, signal: Displacements) -> Force:
     """The force against mass times deceleration."""
-    beside = _Beside(dataset, channel, signal)
-    force = beside.compared(np.zeros(len(signal.mass)))
-    if (lost := np.abs(force.lag) > 0.99 * beside.curve.reach[:, 0]).any():
-        force = beside.compared(np.where(lost, beside.most_alike(), 0.0))
-    return replace(force, corner_hz=beside.mistaken(force)) if force.lags else force
+    comparison = _Beside(dataset, channel, signal)
+    force = comparison.compared(np.zeros(len(signal.mass)))
+    if (lost := np.abs(force.lag) > 0.99 * comparison.curve.reach[:, 0]).any():
+        force = comparison.compared(np.where(lost, comparison.most_alike(), 0.0))
+    return replace(force, corner_hz=comparison.mistaken(force)) if force.lags else force
 
 
 class _Beside:
@@ -308,7 +308,7 @@ class _Beside:
     def most_alike(self) -> Column:
         """By what the force is behind where its correlation with the expected one has it [s]."""
         shifts = self.curve.reach / _REACH * np.arange(-_FARTHEST, _FARTHEST + _STEP, _STEP)
-        counts, alike = [], []
+        counts, correlations = [], []
         for shift in shifts.T:
             at = self.since_contact - shift[:, None]
             inside = self.usable & self.curve.covers(at)
@@ -317,9 +317,9 @@ class _Beside:
             means = parts.sum(axis=2, keepdims=True) / counts[-1].clip(1)[:, None]
             one, other = np.where(inside, parts - means, 0)
             sizes = np.sqrt((one**2).sum(axis=1) * (other**2).sum(axis=1))
-            alike.append((one * other).sum(axis=1) / np.maximum(sizes, np.finfo(float).tiny))
+            correlations.append((one * other).sum(axis=1) / np.maximum(sizes, np.finfo(float).tiny))
         enough = np.array(counts) > 0.5 * np.max(counts, axis=0)
-        best = np.where(enough, alike, -1.0).argmax(axis=0)
+        best = np.where(enough, correlations, -1.0).argmax(axis=0)
         return shifts[np.arange(len(best)), best]
 
     def mistaken(self, force: Force) -> float:

@@ -84,7 +84,7 @@ class Phase(NamedTuple):
     contradicted: bool = False
 
     @property
-    def place(self) -> float:
+    def fraction(self) -> float:
         """The part of the interval from contact to the first sample in contact; nan where it is not known."""
         return {"first": 0.0, "before": 1.0}.get(self.kind, np.nan)
 
@@ -166,8 +166,8 @@ def _of_another(evidence: ContactEvidence) -> tuple[float, float]:
     mean, spread = (axis.ravel() for axis in np.meshgrid(means, spreads))
     shifted, s = evidence.by_common_error(17)
     off = (shifted[:, None] - 0.5 - mean[:, None]) / (wide := np.hypot(spread[:, None], s))
-    each = -(np.square(off) / 2 + np.log(wide))
-    share = softmax(logsumexp(np.sum(each, axis=2), axis=0))
+    log_density = -(np.square(off) / 2 + np.log(wide))
+    share = softmax(logsumexp(np.sum(log_density, axis=2), axis=0))
     middle = float(share @ mean)
     return middle, float(np.sqrt(share @ (spread**2 + (mean - middle) ** 2)))
 

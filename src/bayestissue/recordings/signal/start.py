@@ -66,7 +66,7 @@ def find_start(
     lost: tuple[Rows, Rows],
     bracket: tuple[Column, Column],
     interval_s: Column,
-    place: float,
+    fraction: float,
 ) -> Start:
     """The state at the first sample, contact lying between two moments before it.
 
@@ -80,7 +80,7 @@ def find_start(
         lost: [impact, sample], the integral of d − g from that sample, m/s, and the integral of that, m.
         bracket: [impact], from contact to that sample, s, at the least and at the most; equal where known.
         interval_s: as `Start` has it.
-        place: the part of that interval from contact to that sample, where it is known; else nan.
+        fraction: the part of that interval from contact to that sample, where it is known; else nan.
     """
     d, inside, dt, (least, most) = decelerations.value, decelerations.inside, decelerations.dt, bracket
     velocity, gravity = decelerations.velocity, decelerations.gravity
@@ -91,12 +91,12 @@ def find_start(
     stopped = first_where((lost[0] >= slowed[:, None]) & inside, decelerations.n_samples - 1)
     problem = LeastSquares.until(stopped, decelerations, lost)
     duration = problem.duration
-    known = np.where(interval_s > 0, place * dt, np.nan)
-    low, high, given = least / duration, most / duration, np.isfinite(known)
+    known = np.where(interval_s > 0, fraction * dt, np.nan)
+    low, high, fixed = least / duration, most / duration, np.isfinite(known)
     with np.errstate(all="ignore"):
         ab, free, free_sd, by_velocity = problem.fit(low, high)
         delta, delta_sd = _mean_within(free, free_sd, low, high)
-        delta, delta_sd = np.where(given, known / duration, delta), np.where(given, 0.0, delta_sd)
+        delta, delta_sd = np.where(fixed, known / duration, delta), np.where(fixed, 0.0, delta_sd)
         ab = problem.fit_given(ab, delta)
         x, v = grown(ab[:, 0], ab[:, 1], delta, problem.fall)
     # Too few samples, or a motion no spring and damper makes: d is held constant back to contact.
@@ -107,11 +107,11 @@ def find_start(
     x = np.where(sound, x, delta - d1 * delta**2 / 2)
     v = np.where(sound, v, 1 - d1 * delta)
     delta_sd = np.where(np.isfinite(delta_sd), delta_sd, (high - low) / np.sqrt(12))
-    width = np.where(given, 0.0, most - least)
+    width = np.where(fixed, 0.0, most - least)
     return Start(
         delta * duration,
         delta_sd * duration,
-        np.where(given, known, (least + most) / 2),
+        np.where(fixed, known, (least + most) / 2),
         np.sqrt(width**2 * (1 / 12)),
         width > 0,
         interval_s,

@@ -65,10 +65,10 @@ def render_page(
         return html
     # The page's own script is the last: whatever else calls itself one is refused by the browser.
     body, begin, end = html.rpartition("<script>")
-    own = end.partition("</script>")[0]
+    script = end.partition("</script>")[0]
     if figures:
         body += f"{_carried('library', library())}\n"
-    digest = base64.b64encode(hashlib.sha256(own.encode()).digest()).decode()
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY.format(digest)}">'
     return (body + begin + end).replace(_BEGINS, f"{_BEGINS}\n{policy}", 1)
 
@@ -174,6 +174,6 @@ def _environment() -> jinja2.Environment:
     for draw in (again, drawn):
         environment.filters[draw.__name__] = _in_the_pages_nouns(draw)
     # A template asks the modules that it names for numbers, tables and figures.
-    asked = {"module": _module, "worded": worded, "written": written}
-    environment.globals |= asked | {"script": script, "tables": page_tables, "remedies": entries()}
+    named = {"module": _module, "worded": worded, "written": written}
+    environment.globals |= named | {"script": script, "tables": page_tables, "remedies": entries()}
     return environment

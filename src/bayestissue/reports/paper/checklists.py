@@ -50,9 +50,9 @@ def checklists_markdown(table: pd.DataFrame) -> list[str]:
     """The lines of both lists, each with its source."""
     lines = []
     for guideline, rows in table.groupby("guideline", sort=False):
-        about = declared(__package__, _FILE)[str(guideline)]
+        heading = declared(__package__, _FILE)[str(guideline)]
         cells = ((row["number"], row["item"], _cell(row)) for row in rows.to_dict("records"))
-        lines += [f"## {about['title']} ({guideline})", "", about["source"], ""]
+        lines += [f"## {heading['title']} ({guideline})", "", heading["source"], ""]
         lines += [*markdown_rows(("", "item", "this study"), cells), ""]
     return lines
 

@@ -48,14 +48,14 @@ class Text:
         return f"[{', '.join(str(self.references.index(text) + 1) for text in texts)}]"
 
 
-def text_of(run: FitRun, asked: Study | None = None) -> Text:
+def text_of(run: FitRun, study: Study | None = None) -> Text:
     """Methods and results of a fit; with what questions need of it, also what an impact does.
 
     Where its diagnostics failed, or no element describes the recordings, that is the first sentence of the
     results. Where the fit does not have something, such as repeats or a mass exponent, nothing is said of it.
     """
     text = Text(f"Methods and results: {run.record['dataset']}", nouns=run.nouns)
-    further = {"computation": text.cite, "repeatability": text.cite, "results": asked}
+    further = {"computation": text.cite, "repeatability": text.cite, "results": study}
     for heading, macro in SENTENCES["methods"].items():
         values = [further[macro]] if macro in further else []
         if paragraphs := written("methods", macro, run, *values):
@@ -116,16 +116,16 @@ def _without_commands(words: str) -> str:
     return " ".join(sentence for sentence in re.split(r"(?<=\.)\s+(?=[A-Z`])", words) if "`" not in sentence)
 
 
-def reference_outcomes(asked: Study | None) -> Iterator[tuple[str, list[str]]]:
+def reference_outcomes(study: Study | None) -> Iterator[tuple[str, list[str]]]:
     """The reference impact, and what it does on a typical person; nothing without a law or a velocity."""
-    if asked is None or not (values := asked.of_reference_impact([{}])):
+    if study is None or not (values := study.of_reference_impact([{}])):
         return
     parts = []
     for name, draws in values.items():
         _, unit, factor = DECLARED[str(name)].shown
         shown = spread(factor * draws.to_numpy().ravel())
         parts.append(f"{outcome_name(str(name))} {shown.value} {unit} ({shown.range})")
-    mass, velocity = (float(asked.motion([{}])[name][0]) for name in ("mass_kg", "velocity_m_s"))
+    mass, velocity = (float(study.motion([{}])[name][0]) for name in ("mass_kg", "velocity_m_s"))
     yield study_answers.impact_words(mass, velocity), parts
 
 

@@ -137,9 +137,9 @@ class GrowingStudy:
             [(level(drop.cells), float(drop.cells["mass_kg"])) for drop in usable], columns=names
         )
         # Of each drop its person, its mass, and how many of both came before.
-        place = [hit.groupby(name, sort=False).ngroup() for name in names]
-        place.append(hit.groupby(names, sort=False).cumcount())
-        needed = [int(codes.max()) + 1 if len(hit) else 0 for codes in place]
+        numbers = [hit.groupby(name, sort=False).ngroup() for name in names]
+        numbers.append(hit.groupby(names, sort=False).cumcount())
+        needed = [int(codes.max()) + 1 if len(hit) else 0 for codes in numbers]
         room = tuple(_doubled(least, number) for least, number in zip(_ROOM, needed, strict=True))
         sites = [(drop.centre, drop.precision) for drop in usable]
 
@@ -148,7 +148,7 @@ class GrowingStudy:
                 if self._latest is not work:
                     # A later one has these drops too: none waits for what nobody will see.
                     return
-                self._posterior = self._integrated(hit, np.array(place, int), room, sites)
+                self._posterior = self._integrated(hit, np.array(numbers, int), room, sites)
                 self.drops = len(drops)
                 self._compiled.add(room)
 
@@ -159,7 +159,7 @@ class GrowingStudy:
             threading.Thread(target=work, daemon=True).start()
 
     def _integrated(
-        self, hit: pd.DataFrame, place: np.ndarray, room: tuple[int, ...], sites: Sequence[tuple[Any, Any]]
+        self, hit: pd.DataFrame, codes: np.ndarray, room: tuple[int, ...], sites: Sequence[tuple[Any, Any]]
     ) -> _Posterior:
         people, masses = (hit[name].unique().tolist() for name in hit)
         reference = float(np.exp(np.mean(np.log(masses or [1.0]))))
@@ -172,7 +172,7 @@ class GrowingStudy:
         ).assign(velocity_m_s=1.0)
         design = build_design(self._model.formula, table, reference_mass_kg=reference, source="watch")
         model, columns = planned_model(self._model, design, self._mass_sd)
-        at = np.ravel_multi_index(place, room)
+        at = np.ravel_multi_index(codes, room)
         centre, precision = np.zeros((1, len(table), 2)), np.tile(np.eye(2), (len(table), 1, 1))
         present = np.zeros((1, len(table)), bool)
         if len(at):
@@ -187,8 +187,8 @@ class GrowingStudy:
         KK, KC, CC = np.asarray(pairs).T
         covariance = np.moveaxis(np.array([[KK, KC], [KC, CC]]), -1, 0)
         mean = np.moveaxis(np.asarray(expected(columns, drawn.b[0])), 0, -1)[:, :: room[2]]
-        every = product(enumerate(people), enumerate(masses))
-        cells = {(person, mass): p * room[1] + m for (p, person), (m, mass) in every}
+        grid = product(enumerate(people), enumerate(masses))
+        cells = {(person, mass): p * room[1] + m for (p, person), (m, mass) in grid}
         return _Posterior(cells, mean, covariance, drawn.weight[0])
 
     def estimates(self, drop: Drop) -> StudyEstimates | None:
@@ -220,19 +220,19 @@ class GrowingStudy:
         make it smaller and not larger, so that wrong drops do not hide each other.
         """
         known = [drop for drop in others if drop.precision is not None and not drop.of_phantom]
-        own = [drop for drop in known if level(drop.cells) == level(cells)]
-        if not own or site["precision"] is None or cells.get(REFERENCE[0]):
+        peers = [drop for drop in known if level(drop.cells) == level(cells)]
+        if not peers or site["precision"] is None or cells.get(REFERENCE[0]):
             return ""
         people = [drop for drop in known if drop.cells["subject"] != cells["subject"]]
         variance = np.diagonal(np.linalg.inv(np.array(site["precision"])))
         worst = 1.0, ""
         for k, name in enumerate(RESPONSES):
-            fits = (_scatter(people, k), _scatter(people + own, k))
+            fits = (_scatter(people, k), _scatter(people + peers, k))
             sd, degrees, exponent, exponent_sd = min(fits)
-            y, v, x, _ = _measured(own, k)
-            away = np.log(float(cells["mass_kg"])) - x
+            y, v, x, _ = _measured(peers, k)
+            dx = np.log(float(cells["mass_kg"])) - x
             weight = 1 / (sd**2 + v)
-            expected, distance = (np.average(part, weights=weight) for part in (y + exponent * away, away))
+            expected, distance = (np.average(part, weights=weight) for part in (y + exponent * dx, dx))
             total = np.sqrt(sd**2 + variance[k] + 1 / weight.sum() + (exponent_sd * distance) ** 2)
             deviation = site["centre"][k] - expected
             chance = 2 * stdtr(degrees, -abs(deviation) / total)
@@ -278,8 +278,8 @@ def _scatter(drops: Sequence[Drop], k: int) -> tuple[float, int, float, float]:
     weight = prior / (prior + v)
     # Means of levels are taken out; what is left of log mass has the slope.
     levels = np.eye(max(of_level, default=-1) + 1)[of_level]
-    about = weight[:, None] * levels / np.maximum((weight[:, None] * levels).sum(0), 1e-300)
-    x, y = (part - levels @ (about.T @ part) for part in (x, y))
+    averaging = weight[:, None] * levels / np.maximum((weight[:, None] * levels).sum(0), 1e-300)
+    x, y = (part - levels @ (averaging.T @ part) for part in (x, y))
     precision = (weight * x**2).sum() / prior + _SLOPE_SD**-2
     slope = ((weight * x * y).sum() / prior + _SLOPE / _SLOPE_SD**2) / precision
     squares = (weight * (y - slope * x) ** 2).sum()

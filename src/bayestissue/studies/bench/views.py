@@ -277,8 +277,8 @@ class DatasetView(DropsView):
 
     def drop(self, impact: str) -> dict[str, Any]:
         """One impact with its trace and its fit."""
-        place = {name: at for at, name in enumerate(self._rows.index)}
-        one = self.data.select([place[impact]])
+        position = {name: at for at, name in enumerate(self._rows.index)}
+        one = self.data.select([position[impact]])
         return {"impact": impact, "study": {}, "trace": trace(impact_of(one))}
 
     def act(self, action: str, content: dict[str, Any]) -> None:

@@ -108,7 +108,7 @@ class Watch:
         order.require_same(drops.order, drops.rows)
         for drop in [drop for drop in drops if order.rows and drop.file not in drops.rows]:
             # Where the list was lost: each has the first row that is open after those before it.
-            left = self._left([other for other in drops if other.file in drops.rows])
+            left = self._left([earlier for earlier in drops if earlier.file in drops.rows])
             at = next((at for at, row in left.items() if row.items() <= drop.cells.items()), None)
             drops.rows |= {} if at is None else {drop.file: at}
         drops.order = list(order.rows) or drops.order
@@ -315,7 +315,7 @@ class Watch:
         if len(new) > 1 and any(lacking for lacking, _ in facts.values()) and row_of:
             raise unclear("no-campaign.more-files", value=_in_a_row(by_time))
         for name in [name for name in new if name in rows and name not in row_of]:
-            others = [other for other, at in rows.items() if at == rows[name] and other != name]
+            others = [file for file, at in rows.items() if at == rows[name] and file != name]
             raise _row_held(name, f"the row of {_in_a_row(others)}")
         # A file that comes behind another with an earlier row, though neither time nor name says so.
         for name, at in first.items() if not any(self.order.files) else ():
@@ -335,10 +335,10 @@ class Watch:
         """
         drops = self.drops
         of_file = {drop.file: drop for drop in drops}
-        other = {name for name, stamp in listed.items() if self._follower.settled.get(name) != stamp}
-        self._changed &= other
+        unsettled = {name for name, stamp in listed.items() if self._follower.settled.get(name) != stamp}
+        self._changed &= unsettled
         judged = {*drops.refused, *of_file} - {drop.file for drop in drops if drop.good}
-        new = other - {*drops.rows, *of_file} | (other & judged) - self._changed
+        new = unsettled - {*drops.rows, *of_file} | (unsettled & judged) - self._changed
         sizes = Counter([listed[name].size for name in new] + [drop.stamp.size for drop in drops])
         known = {sha256: name for name, sha256 in drops.refused.items()}
         known |= {drop.sha256: drop.file for drop in drops}
@@ -356,7 +356,7 @@ class Watch:
                 drops.refused[name] = drops.refused.pop(former)
                 if former in drops.rows:
                     drops.rows[name] = drops.rows.pop(former)
-            elif former != name and former in other & {*of_file}:
+            elif former != name and former in unsettled & {*of_file}:
                 reused |= {former: name} if file_sha256(self.recordings / former) not in known else {}
         return unseen, reused
 
@@ -385,10 +385,10 @@ class Watch:
             _RowOpenError: it does; both are named.
         """
         at = self.drops.rows.get(drop.file)
-        for other in self.drops:
-            same_row = other.file != drop.file and at is not None and self.drops.rows.get(other.file) == at
-            if drop.good and other.good and same_row:
-                raise _row_held(drop.file, f"the row of {other.file}")
+        for first in self.drops:
+            same_row = first.file != drop.file and at is not None and self.drops.rows.get(first.file) == at
+            if drop.good and first.good and same_row:
+                raise _row_held(drop.file, f"the row of {first.file}")
 
     def _rows_of(self, names: Sequence[str]) -> tuple[dict[str, int], dict[str, tuple[bool, Any]]]:
         """The rows that files take one after the other, and whether facts of each lack, and which it has."""
@@ -402,11 +402,11 @@ class Watch:
                 people.append(str(named["subject"]))
             now = self.order.named(people)
             free = {at: now[at] for at in left if at not in row_of.values()}
-            own = self.drops.rows.get(name)
-            if own is None:
+            kept_row = self.drops.rows.get(name)
+            if kept_row is None:
                 at = self.order.row_for(name, free, named, columns(self.drops.chosen, "page"))
             else:
-                at = own if own in free else None
+                at = kept_row if kept_row in free else None
             if at is not None:
                 row_of[name] = at
             try:
@@ -415,7 +415,7 @@ class Watch:
             except InputError:
                 facts[name] = False, None
             else:
-                lacking = own is None and not cells.keys() >= {*required_columns()[1:]}
+                lacking = kept_row is None and not cells.keys() >= {*required_columns()[1:]}
                 facts[name] = lacking, cells
         return row_of, facts
 

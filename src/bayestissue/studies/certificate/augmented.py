@@ -126,8 +126,8 @@ def _with_motion(
         lost = dt * cumulative_trapezoid(deceleration - recorded.gravity[:, None], initial=0)
         v = recorded.velocity[:, None] - lost
         x = dt * cumulative_trapezoid(v, initial=0)
-    both: dict[str, Any] = {
+    joined: dict[str, Any] = {
         name: np.concatenate([getattr(recorded, name), np.where(recorded.inside, values, 0.0)])
         for name, values in {"x": x, "v": v, "value": deceleration}.items()
     }
-    return replace(twice, **both)
+    return replace(twice, **joined)

@@ -234,8 +234,8 @@ class Planner:
         names = {quantity.name for goal in goals for quantity in goal.node.quantities()}
         if lacking := names - {*map(str, draws.data_vars), *RESPONSES, *OUTCOMES}:
             of_responses = coefficients(draws, recorded, self.information.measurement_sd)
-            found = {f"{c.name}_{c.quantity}": c.drawn for c in of_responses}
-            draws = draws.assign({name: (("chain", "draw"), found[name]) for name in lacking & set(found)})
+            added = {f"{c.name}_{c.quantity}": c.drawn for c in of_responses}
+            draws = draws.assign({name: (("chain", "draw"), added[name]) for name in lacking & set(added)})
         of_design, of_all = (Study(draws, rows, self.law) for rows in (recorded, design.recorded))
         values = (draws_of(goal.node, of_design if goal.over_levels else of_all) for goal in goals)
         return [one.transpose("chain", "draw").to_numpy().astype(float) for one in values]

@@ -290,7 +290,7 @@ def known_studies(folder: Path) -> pd.DataFrame | None:
 def _variants(case: Case, *, reaches: bool) -> dict[str, Case]:
     """The chosen design with more people, and at one assumed truth or as it stands."""
     design = case.design
-    if case.running.begun:
+    if case.running.started:
         further = {"as it stands": _with_people(case, 0)}
     else:
         further = {"one truth": replace(case, prior=replace(case.prior, at_median=True))}

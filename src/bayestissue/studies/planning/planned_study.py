@@ -29,7 +29,7 @@ from bayestissue.model.hierarchy.formulas.group_terms import quoted
 from bayestissue.model.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification
-from bayestissue.recordings.dataset.cells import alike
+from bayestissue.recordings.dataset.cells import ignoring_case
 from bayestissue.studies.finished import read_run
 from bayestissue.studies.fitting import resolve
 from bayestissue.studies.planning.assurance import Goal
@@ -130,8 +130,8 @@ def _background(plan: PlanSpecification, source: str, problems: list[Problem]) -
     if plan.after is None and plan.pilot is not None:
         with collected(problems):
             pilot, where = read_run(plan.pilot), (source, None, "pilot")
-            if (found := pilot.specification.element) != known.model.element:
-                raise InputError.stated("impossible-plan.pilot", *where, found, element=known.model.element)
+            if (element := pilot.specification.element) != known.model.element:
+                raise InputError.stated("impossible-plan.pilot", *where, element, element=known.model.element)
             prior = DesignPrior(plan.population, draws_of_fit(pilot, (*where, plan.pilot)))
             known = replace(known, prior=prior, words=pilot.about.get("words", {}))
     stated = plan.reference_mass_kg if plan.after is None else None
@@ -149,7 +149,7 @@ def factors_named(questions: Iterable[str]) -> list[dict[str, Any]]:
             continue
         for level in named:
             if level.value is not None and level.column not in _STANDARD:
-                levels.setdefault(alike(level.column, levels), {})[level.value] = None
+                levels.setdefault(ignoring_case(level.column, levels), {})[level.value] = None
     return [{"name": name, "levels": list(values)} for name, values in levels.items() if len(values) > 1]
 
 
@@ -168,7 +168,7 @@ def _open_formulas(
         return {}
     factors = [factor.name for factor in plan.candidates.factors]
     named = {
-        alike(level.column, factors)
+        ignoring_case(level.column, factors)
         for goal in goals
         for quantity in goal.node.quantities()
         for level in quantity.levels

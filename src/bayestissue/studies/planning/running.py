@@ -44,7 +44,7 @@ class Running:
     precision: Float[np.ndarray, "impact 2 2"] = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
     @property
-    def begun(self) -> bool:
+    def started(self) -> bool:
         """Whether there is anything."""
         return not self.rows.empty
 
@@ -75,7 +75,7 @@ class Background:
 
     def named(self, designs: Sequence[Candidate]) -> tuple[Candidate, ...]:
         """Designs of what is still to come, with the recorded names of people and conditions."""
-        if not self.running.begun:
+        if not self.running.started:
             return tuple(designs)
         rows = self.running.rows
         people = tuple(rows["subject"].astype(str).unique()) if self.again else ()

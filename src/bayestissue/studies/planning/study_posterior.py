@@ -108,11 +108,11 @@ def planned_model(
     # The parameters of an element besides K and C are part of a trace's precision.
     responses = {q: design.responses[q] for q in RESPONSES}
     mass_kg = design.recorded.rows["mass_kg"].to_numpy(float)
-    own, common, masses = stated_mass_errors(
+    individual, common, masses = stated_mass_errors(
         specification.mass_error, relative_mass_sd, design.subject, mass_kg
     )
     effects, columns = population_design(replace(design, responses=responses), priors, (), masses)
-    return PlannedModel(effects, priors, specification.residual_correlation, own, common), columns
+    return PlannedModel(effects, priors, specification.residual_correlation, individual, common), columns
 
 
 @dataclass(frozen=True, eq=False)

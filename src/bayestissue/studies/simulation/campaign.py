@@ -515,8 +515,8 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
     which the caller copies beside it.
     """
     table = long_table(pd.Index(campaign.impacts["impact"]), campaign.traces)
-    for beside in campaign.further:
-        table[FORCE_COLUMN] = beside.value
+    for force in campaign.further:
+        table[FORCE_COLUMN] = force.value
     write_dataset(
         folder,
         settings=campaign.settings.stated(),

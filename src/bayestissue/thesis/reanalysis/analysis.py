@@ -276,4 +276,4 @@ def _published(
 ) -> dict[str, np.ndarray]:
     """What was published of K and of C, or the model makes of it, by name."""
     values = {"observed": estimates, "average": average, "sd": sd}
-    return {f"{q}_{name}": both[..., i] for name, both in values.items() for i, q in enumerate(RESPONSES)}
+    return {f"{q}_{name}": pair[..., i] for name, pair in values.items() for i, q in enumerate(RESPONSES)}

@@ -106,7 +106,7 @@ def resolve(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Resol
         rows: one an impact (or a cell of the design), with ``subject``, ``trial``, ``mass_kg``, covariates.
         reference_mass_kg: at which, and at every other covariate's mean, the columns are zero.
     """
-    formula = _NAMED.sub(lambda found: in_whatever_case(found[0], map(str, rows.columns)), formula)
+    formula = _NAMED.sub(lambda match: in_whatever_case(match[0], map(str, rows.columns)), formula)
     try:
         terms, faults = _read(formula)
     except Exception as error:  # formulae's algebra of terms raises errors that share no base
@@ -371,13 +371,13 @@ def interactions(formula: str) -> tuple[tuple[str, ...], ...]:
     """The columns of each covariate term ``a:b`` or ``a:b:c``, as the formula has them, each set once."""
     import formulae
 
-    found: dict[frozenset[str], tuple[str, ...]] = {}
+    interactions: dict[frozenset[str], tuple[str, ...]] = {}
     for term in formulae.model_description(formula).common_terms:
         parts = [_columns_of(part) for part in getattr(term, "components", ())]
         names = frozenset().union(*parts)
         if len(names) == len(parts) in (2, 3) and all(len(columns) == 1 for columns in parts):
-            found.setdefault(names, tuple(map(min, parts)))
-    return tuple(found.values())
+            interactions.setdefault(names, tuple(map(min, parts)))
+    return tuple(interactions.values())
 
 
 class Covariates:

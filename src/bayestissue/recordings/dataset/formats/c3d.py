@@ -141,8 +141,8 @@ def _parameters(data: bytes) -> tuple[str, _Parameters]:
     """The order of bytes, and the parameters."""
     at = BLOCK * (data[0] - 1)
     if data[0] < 1 or data[at + 3] not in _ORDERS:
-        found = "one of a DEC computer" if data[at + 3] == 85 else "another kind of file"
-        raise UnfitError("recorder-file.computer", found)
+        source = "one of a DEC computer" if data[at + 3] == 85 else "another kind of file"
+        raise UnfitError("recorder-file.computer", source)
     order, end = _ORDERS[data[at + 3]], min(at + BLOCK * data[at + 2], len(data))
     groups: dict[int, str] = {}
     values: dict[tuple[int, str], np.ndarray] = {}

@@ -271,7 +271,7 @@ def read_tdms(data: bytes, label: str) -> Contents:
     require_small(sum(8 * len(channel) for channel in recorded), label)
     names = [channel.name for channel in recorded]
     channels: dict[str, Channel] = {}
-    begun: Any = None
+    origin: Any = None
     for channel in recorded:
         values = np.asarray(channel[:])
         if values.dtype.kind not in "fiu":
@@ -282,8 +282,8 @@ def read_tdms(data: bytes, label: str) -> Contents:
         )
         since = properties.get("wf_start_time")
         if isinstance(since, np.datetime64) and clock is not None:
-            begun = since if begun is None else begun
-            clock = clock + (since - begun) / np.timedelta64(1, "s")
+            origin = since if origin is None else origin
+            clock = clock + (since - origin) / np.timedelta64(1, "s")
         # The same name in two groups says nothing: such channels need their group's name before theirs.
         name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
         unit = properties.get("unit_string", "")

@@ -37,7 +37,7 @@ def read(data: bytes, label: str) -> Contents:
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise ValueError("neither a MATLAB 5 nor a MATLAB 7.3 file")
-    arrays = dict(found for body in _elements(data[128:], order) for found in _arrays(*body, order))
+    arrays = dict(entry for body in _elements(data[128:], order) for entry in _arrays(*body, order))
     require_small(8.0 * sum(array.size for array in arrays.values()), label)
     return of_arrays((name, array, "") for name, array in arrays.items())
 
@@ -82,5 +82,5 @@ def _arrays(kind: int, body: bytes, order: str, name: str = "") -> Iterator[tupl
             which = f"({number // len(names) + 1})" if count > 1 else ""
             yield from _arrays(*field, order, f"{name}{which}.{names[number % len(names)]}")
     elif kind in _NUMERIC and not word & _COMPLEX and count > 0:
-        ((kept, values),) = content
-        yield name, np.frombuffer(values, f"{order}{_KEPT[kept]}").reshape(lengths, order="F").squeeze()
+        ((kind, values),) = content
+        yield name, np.frombuffer(values, f"{order}{_KEPT[kind]}").reshape(lengths, order="F").squeeze()

@@ -156,8 +156,8 @@ def suspected(signal: Displacements) -> Suspected:
     used = signal.inside
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
-        every = laws(*motion(signal), used)
-        left = (_fitted(law, signal.deceleration, used, ridge=1e-10)[1] for law in every)
+        candidates = laws(*motion(signal), used)
+        left = (_fitted(law, signal.deceleration, used, ridge=1e-10)[1] for law in candidates)
         plain = np.min([(residual**2).sum(axis=1) for residual in left], axis=0)
     variance = signal.quiet.noise_sd**2 + (LAW.misfit * peak) ** 2
     freedom = np.maximum(PULSE.worth * signal.n_samples, 1)

@@ -117,7 +117,7 @@ def _inspected(
     findings.append(_found("starts-above-zero", above, start))
     findings.append(_found("starts-below-zero", start < -PULSE.above, start))
     yield _found("contact-earlier", longest > 0, 1e3 * longest)
-    yield from (found for found in findings if part.recorder is None or found[0] != "slow-low-pass")
+    yield from (finding for finding in findings if part.recorder is None or finding[0] != "slow-low-pass")
     # What a declared low-pass makes of a law is none.
     if part.recorder is not None:
         return

@@ -146,8 +146,8 @@ def _source_names(sources: pd.DataFrame) -> dict[str, str]:
 
 def source_levels(run: FitRun) -> dict[str, str]:
     """Levels that these data tell something of, in words: of one impact, that impact alone."""
-    of = person_words(run)
-    several = {} if len(run.impacts) == 1 else {"typical person": of["typical"], "new person": of["new"]}
+    who = person_words(run)
+    several = {} if len(run.impacts) == 1 else {"typical person": who["typical"], "new person": who["new"]}
     return {"impact": "impact", **several}
 
 

@@ -89,12 +89,12 @@ def first(run: FitRun, quantity: str) -> Iterator[tuple[str, Figure, str]]:
 
     Who differs, and the dependence on mass; every impact in order where one of them can't be.
     """
-    several, about = bool(answers.compared(run, quantity)), worded("fit", "who", run, quantity)
+    several, caption = bool(answers.compared(run, quantity)), worded("fit", "who", run, quantity)
     in_order = f"{quantity}-of-impacts", impacts(run, "order", quantity)
     if several or len(run.impacts) == 1:
-        yield f"{quantity}-of-whom", who(run, quantity), about
+        yield f"{quantity}-of-whom", who(run, quantity), caption
     else:
-        yield *in_order, about
+        yield *in_order, caption
     if mass_varies(run):
         yield (
             f"{quantity}-over-mass",

@@ -48,7 +48,7 @@ TABLES = (
 def _may_lack(name: str, words: str) -> cached_property[pd.DataFrame]:
     """The same of a table that few runs have, read once; empty where there is none."""
 
-    def found(run: FitRun) -> pd.DataFrame:
+    def optional_table(run: FitRun) -> pd.DataFrame:
         with suppress(KeyError):
             return run.table(name)
         # Of a simulated dataset, which knows the truth.
@@ -56,8 +56,8 @@ def _may_lack(name: str, words: str) -> cached_property[pd.DataFrame]:
             return read_table(run.folder, name)
         return typed(name, table_of_rows(name))
 
-    found.__doc__ = words
-    return cached_property(found)
+    optional_table.__doc__ = words
+    return cached_property(optional_table)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,8 +180,8 @@ class FitRun(PosteriorRun):
     @cached_property
     def nouns(self) -> Words:
         """What the dataset calls people, conditions and impacts; its own names stay as they are."""
-        model, about = self.record.get("model", {}).get("name", ""), self.record.get("description", "")
-        return nouns_of(self.record, {about, f"“{model}”", *names_in(self.impacts_table, ())})
+        model, description = self.record.get("model", {}).get("name", ""), self.record.get("description", "")
+        return nouns_of(self.record, {description, f"“{model}”", *names_in(self.impacts_table, ())})
 
     @cached_property
     def impacts_table(self) -> pd.DataFrame:

@@ -132,10 +132,10 @@ def _recorded(run: FitRun, factor: str, titles: dict[tuple[float, float], str]) 
     hits = np.log(table[["mass_kg", "velocity_m_s"]].to_numpy(float))
     distance = np.abs(hits[:, None] - np.log(np.array(list(titles)))).max(axis=-1)
     # Of many impacts some have their recordings here.
-    alike = np.flatnonzero(distance.min(axis=1)[run.predicted] < LIMITS.same_motion)
-    alike = alike[evenly_spaced(len(alike), LIMITS.loops)] if len(alike) else alike
+    matching = np.flatnonzero(distance.min(axis=1)[run.predicted] < LIMITS.same_motion)
+    matching = matching[evenly_spaced(len(matching), LIMITS.loops)] if len(matching) else matching
     names, observed, parts = list(titles.values()), run.groups["observed_data"], []
-    for index, row in zip(alike, run.predicted[alike], strict=True):
+    for index, row in zip(matching, run.predicted[matching], strict=True):
         depth, force = (observed[name].to_numpy()[index] for name in ("displacement", "deceleration"))
         known = np.flatnonzero(np.isfinite(depth) & np.isfinite(force))
         known = known[evenly_spaced(len(known), LIMITS.loop_samples)]

@@ -169,9 +169,9 @@ def reliability_table(run: FitRun) -> Table:
     units = {"N/m": "N/m, N s/m", "N s/m": "N/m, N s/m", "1": ""}
     coefficients = run.reliability.assign(unit=run.reliability["unit"].replace(units))
     rows = []
-    for place, part in coefficients.groupby(["measure", "form", "unit"], sort=False):
+    for group, part in coefficients.groupby(["measure", "form", "unit"], sort=False):
         by_quantity = part.set_index("quantity", drop=False).to_dict("index")
-        rows.append((*place, *(text for q in QUANTITIES for text in _cells(by_quantity.get(q)))))
+        rows.append((*group, *(text for q in QUANTITIES for text in _cells(by_quantity.get(q)))))
     titles = ("measure", "form", "unit", "K", "K, 90 %", "C", "C, 90 %")
     return table_of_cells(rows, *titles, number=titles[3:], words=titles[:1])
 
