@@ -41,6 +41,16 @@ def test_they_are_taken_at_the_times_that_there_are() -> None:
     np.testing.assert_allclose(found, data.traces[0].time_s[begin:][: len(found)], atol=1e-9)
 
 
+def test_an_even_recording_is_taken_as_it_is_alone() -> None:
+    alone = displacements(of_times([(TIME, force(0))]))
+    beside = displacements(of_times([(TIME, force(0)), bent()[1]]))
+    assert beside.uneven.tolist() == [False, True]
+    for name in ("x", "v", "value"):
+        here, there = (getattr(of, name)[0, : alone.n_samples[0]] for of in (beside, alone))
+        # A product of matrices rounds by how many rows there are.
+        np.testing.assert_allclose(here, there, rtol=1e-14)
+
+
 def test_what_needs_even_times_refuses() -> None:
     with pytest.raises(InputError, match="the declared low-pass"):
         of_times(bent(), recorder={"low_pass_hz": 500.0})

@@ -34,25 +34,20 @@ def cumulative(recordings: PaddedTraces, rule: Rule) -> Rows:
     row's end is meaningless. Of uneven times the trapezia are those of the times that there are, and a cubic
     spline through the samples takes the quintics' place; its error is of fourth order in the step.
     """
-    y, dt, even = recordings.value, recordings.dt[:, None], recordings.sample_number is None
+    y, dt, uneven = recordings.value, recordings.dt[:, None], recordings.uneven
     if rule == "trapezoidal" or y.shape[1] < 6:
-        return trapezoids(y, dt if even else np.diff(recordings.time_s, axis=1))
-    if not even:
-        return _of_splines(recordings)
+        return trapezoids(y, np.where(uneven[:, None], np.diff(recordings.time_s, axis=1), dt))
     padded, width = _extended(recordings), y.shape[1] - 1
     quintic = sum(weight * padded[:, k : k + width] for k, weight in enumerate(_WEIGHTS))
     steps = np.where(recordings.n_samples[:, None] >= 6, quintic, (y[:, 1:] + y[:, :-1]) / 2)
-    return np.concatenate([np.zeros((len(y), 1)), np.cumsum(steps * dt, axis=1)], axis=1)
-
-
-def _of_splines(recordings: PaddedTraces) -> Rows:
+    integral = np.concatenate([np.zeros((len(y), 1)), np.cumsum(steps * dt, axis=1)], axis=1)
     # Imported here as in `derivatives`.
     from scipy.interpolate import CubicSpline
 
-    y, time, integral = recordings.value, recordings.time_s, np.zeros_like(recordings.value)
-    for row, n in enumerate(recordings.n_samples):
-        if n > 1:
-            integral[row, :n] = CubicSpline(time[row, :n], y[row, :n]).antiderivative()(time[row, :n])
+    for row in np.flatnonzero(uneven & (recordings.n_samples > 1)):
+        inside = slice(recordings.n_samples[row])
+        time = recordings.time_s[row, inside]
+        integral[row, inside] = CubicSpline(time, y[row, inside]).antiderivative()(time)
     return integral
 
 
