@@ -15,6 +15,7 @@ from bayestissue.reports.figures.theme import (
     MUTED,
     POSTERIOR,
     RECORDED,
+    THEME,
     ZOOM,
     Figure,
     Specification,
@@ -29,12 +30,8 @@ from bayestissue.reports.figures.theme import (
 )
 
 MASS = "mass of the impactor, M (kg)"
-_TITLES = {
-    **{"impact": "impact", "person": "person", "condition": "condition"},
-    **{"mass_kg": "mass (kg)", "velocity_m_s": "velocity (m/s)"},
-    **{"K_N_per_m": "K (N/m)", "K_low_N_per_m": "K, 5 %", "K_high_N_per_m": "K, 95 %"},
-    **{"C_N_s_per_m": "C (N s/m)", "C_low_N_s_per_m": "C, 5 %", "C_high_N_s_per_m": "C, 95 %"},
-}
+# Of an impact in tooltips, by column.
+_TITLES: dict[str, str] = THEME["impact_titles"]
 # Over the mass.
 THESIS = "thesis's method"
 LINES: dict[str, Specification] = {

@@ -17,6 +17,7 @@ from bayestissue.reports.figures.theme import (
     POSTERIOR,
     RECORDED,
     SOLID,
+    THEME,
     Figure,
     Specification,
     colours,
@@ -52,10 +53,6 @@ def paired(rows: pd.DataFrame, means: pd.DataFrame, factor: str, axis: str, word
     details = tooltips(
         rows, person="person", level=factor, median="median", eti90_low="90 % from", eti90_high="to"
     )
-    hovered: Specification = {
-        "name": "hovered",
-        "select": {"type": "point", "fields": ["person"], "on": "pointerover", "clear": "pointerout"},
-    }
     strong: Specification = {"condition": {"param": "hovered", "value": 1}, "value": 0.15}
     line = {"x": x, "y": y, "detail": {"field": "person"}, "opacity": strong, "tooltip": details}
     mean = {"x": x, "xOffset": {"value": 22}}
@@ -63,7 +60,7 @@ def paired(rows: pd.DataFrame, means: pd.DataFrame, factor: str, axis: str, word
     mean_details = tooltips(means, level=factor, median="mean", eti90_low="90 % from", eti90_high="to")
     middle = {**mean, "y": y, "tooltip": mean_details}
     layers = [
-        mark("line", rows, line, color=MUTED, strokeWidth=1.6) | {"params": [hovered]},
+        mark("line", rows, line, color=MUTED, strokeWidth=1.6) | {"params": [THEME["hovered"]]},
         mark("point", rows, line, color=MUTED, size=45),
         mark("rule", means.dropna(subset="eti90_low"), reach, color=POSTERIOR, strokeWidth=2),
         mark("point", means, middle, color=POSTERIOR, shape="diamond", size=150, opacity=1),

@@ -17,12 +17,13 @@ import pandas as pd
 type Specification = dict[str, Any]
 
 SCHEMA = "https://vega.github.io/schema/vega-lite/v6.json"
-# Vega's configuration. A label at the end of an axis reaches beyond it, hence the padding; the colours are
-# Okabe and Ito's, but for yellow and orange, which are too pale on white.
-_THEME = json.loads(files(__package__).joinpath("theme.json").read_text(encoding="utf-8"))
-_CONFIG: Specification = _THEME["config"]
+# Vega's configuration, parameters of charts and titles of columns. A label at the end of an axis reaches
+# beyond it, hence the padding; the colours are Okabe and Ito's, but for yellow and orange, which are too pale
+# on white.
+THEME = json.loads(files(__package__).joinpath("theme.json").read_text(encoding="utf-8"))
+_CONFIG: Specification = THEME["config"]
 # Shift and wheel zoom, Shift and drag move, a double click resets: the page scrolls as ever.
-ZOOM: Specification = _THEME["zoom"]
+ZOOM: Specification = THEME["zoom"]
 INK, MUTED, FAINT = _CONFIG["axis"]["labelColor"], _CONFIG["axis"]["tickColor"], "#d0d7de"
 PALETTE: tuple[str, ...] = (*_CONFIG["range"]["category"],)
 POSTERIOR, RECORDED = PALETTE[:2]
