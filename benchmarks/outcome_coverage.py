@@ -35,7 +35,7 @@ from evidence.simulations import by_response, merged, simulation, tables
 from scipy.integrate import solve_ivp
 from studies import CHAIN, SAMPLER, Fits, Interval, counted, model_of, of_draws, sides
 
-from bayestissue.base.outcomes import HEADFORM_COLUMNS
+from bayestissue.base.outcome_table import HEADFORM_COLUMNS
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.predictions import predict
 from bayestissue.inference.answers.questions import ranked

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -50,6 +51,14 @@ def imported(path: Path, known: dict[str, Path]) -> set[str]:
         elif isinstance(node, ast.Import):
             found |= {alias.name.removeprefix("bayestissue.") for alias in node.names}
     return found & set(known)
+
+
+def test_a_name_is_one_module_s_and_one_class_s() -> None:
+    paths = [path for path in SOURCE.rglob("*.py") if not path.stem.startswith("__")]
+    bodies = [node for path in paths for node in ast.parse(path.read_text(encoding="utf-8")).body]
+    classes = [node.name for node in bodies if isinstance(node, ast.ClassDef)]
+    for names in ([path.stem for path in paths], classes):
+        assert [name for name, count in Counter(names).items() if count > 1] == []
 
 
 @pytest.mark.parametrize("package", LARGE)

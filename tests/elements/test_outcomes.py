@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from bayestissue.base.outcomes import OUTCOMES
+from bayestissue.base.outcome_table import OUTCOMES
 from bayestissue.mechanics.elements import element, outcomes
 from bayestissue.mechanics.elements.element import Collision
 from bayestissue.mechanics.elements.head_injury import LONGEST

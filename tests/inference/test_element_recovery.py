@@ -10,7 +10,7 @@ import pytest
 
 from bayestissue.base import resources
 from bayestissue.base.errors import InputError
-from bayestissue.base.outcomes import OUTCOMES
+from bayestissue.base.outcome_table import OUTCOMES
 from bayestissue.inference.chain.draws import ChainJob
 from bayestissue.inference.checking.model_form import misfit_precheck
 from bayestissue.inference.factors.expansions import expanded

@@ -13,9 +13,9 @@ import pytest
 
 from bayestissue.base.results.tables import read_table
 from bayestissue.recordings.dataset.recorders import SUFFIXES
-from bayestissue.studies.selftest import checks, fits
-from bayestissue.studies.selftest.checks import Part, run, verdict
+from bayestissue.studies.selftest import fits, selftest_checks
 from bayestissue.studies.selftest.fits import Compared, differing
+from bayestissue.studies.selftest.selftest_checks import Part, run, verdict
 from command_line import bayestissue
 
 GOOD, BAD = Compared("one", "1", "1", True), Compared("two", "2", "3", False)
@@ -26,19 +26,19 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 def test_every_format_is_read(tmp_path: Path) -> None:
-    comparisons = checks.read_back(tmp_path)
+    comparisons = selftest_checks.read_back(tmp_path)
     assert [finding for finding in comparisons if not finding.passed] == []
     assert [finding.what for finding in comparisons] == list(SUFFIXES)
 
 
 def test_a_format_that_is_read_wrong_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    samples = shutil.copytree(checks.SAMPLES, tmp_path / "samples")
+    samples = shutil.copytree(selftest_checks.SAMPLES, tmp_path / "samples")
     text = (samples / "recording.csv").read_text()
     (samples / "recording.csv").write_text(text.replace(",17.16", ",17.17"))
     assert text != (samples / "recording.csv").read_text()
-    monkeypatch.setattr(checks, "SAMPLES", samples)
+    monkeypatch.setattr(selftest_checks, "SAMPLES", samples)
     (tmp_path / "read").mkdir()
-    assert [f.what for f in checks.read_back(tmp_path / "read") if not f.passed] == [".csv"]
+    assert [f.what for f in selftest_checks.read_back(tmp_path / "read") if not f.passed] == [".csv"]
 
 
 def test_a_check_that_ends_by_an_error_is_one_that_failed(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_tables_differ_by_their_last_digit() -> None:
 
 
 def test_checks_that_take_long_are_thorough_ones(tmp_path: Path) -> None:
-    names = {check.name: check.thorough for check in checks.checks(tmp_path)}
+    names = {check.name: check.thorough for check in selftest_checks.checks(tmp_path)}
     assert names["published: sleepstudy"]
     assert names["recovery by maxwell"]
     assert not names["recovery by impact"]
@@ -83,7 +83,7 @@ def test_checks_that_take_long_are_thorough_ones(tmp_path: Path) -> None:
 def test_the_command_writes_what_it_found_and_ends_by_its_verdict(
     finding: Compared, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(checks, "checks", lambda _: [Part("part", lambda _: [GOOD, finding])])
+    monkeypatch.setattr(selftest_checks, "checks", lambda _: [Part("part", lambda _: [GOOD, finding])])
     monkeypatch.chdir(tmp_path)
     ended = bayestissue("selftest", "--quiet")
     assert ended.status == status, ended.err

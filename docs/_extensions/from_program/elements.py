@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bayestissue.base.outcomes import DECLARED
+from bayestissue.base.outcome_table import DECLARED
 from bayestissue.base.resources import model_content, shared
 from bayestissue.mechanics.elements import Element, element
 from from_program.markdown import code, escaped, table

@@ -126,7 +126,7 @@ def selftest(thorough: bool = False, *, call: Call) -> Made:
             results are to lie, and removed.
         thorough: More models recovered, and a calibration of six hundred impacts: ten minutes.
     """
-    from bayestissue.studies.selftest.checks import as_markdown, machine, self_test, verdict
+    from bayestissue.studies.selftest.selftest_checks import as_markdown, machine, self_test, verdict
 
     start, work = runtime.CommandStart(), call.parts("selftest")
     # Nothing of a test that was ended counts.

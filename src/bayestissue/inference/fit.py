@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.outcomes import HEADFORM_OUTCOMES, MEASURED
+from bayestissue.base.outcome_table import HEADFORM_OUTCOMES, MEASURED
 from bayestissue.inference.answers.contrasts import Contrasts, contrasts_table
 from bayestissue.inference.answers.law import Law
 from bayestissue.inference.answers.level_tables import curves_table, levels_table, loops_table

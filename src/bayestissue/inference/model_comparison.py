@@ -13,7 +13,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.base.errors import Coded
-from bayestissue.base.outcomes import DECLARED, REFERENCE_OUTCOMES
+from bayestissue.base.outcome_table import DECLARED, REFERENCE_OUTCOMES
 from bayestissue.base.results.tables import columns_of, joined
 from bayestissue.inference.answers.predictions import predicted
 from bayestissue.inference.answers.study import Study

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
-from bayestissue.base.outcomes import REFERENCE_OUTCOMES
+from bayestissue.base.outcome_table import REFERENCE_OUTCOMES
 from bayestissue.inference.answers import contrasts as contrasts_module
 from bayestissue.inference.answers import study
 from bayestissue.inference.answers.integration import SETTINGS

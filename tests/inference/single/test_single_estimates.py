@@ -10,7 +10,7 @@ import pytest
 from by_grid import quantiles_by_grid
 
 import bayestissue as bt
-from bayestissue.base.outcomes import INTERVAL_COLUMNS, OUTCOMES
+from bayestissue.base.outcome_table import INTERVAL_COLUMNS, OUTCOMES
 from bayestissue.base.resources import shared
 from bayestissue.base.results.tables import columns_of
 from bayestissue.inference.points.notes import MOSTLY_UNTOLD, NOISELESS, UNTOLD

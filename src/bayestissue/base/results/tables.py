@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from bayestissue.base.declarations import declared
 from bayestissue.base.errors import InputError, Problem, all_of, refuse
-from bayestissue.base.outcomes import DECLARED, HEADFORM_COLUMNS, INTERVAL_COLUMNS, interval_meaning
+from bayestissue.base.outcome_table import DECLARED, HEADFORM_COLUMNS, INTERVAL_COLUMNS, interval_meaning
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -77,7 +77,7 @@ _REFERENCES = (
 At = tuple[tuple[str, str], ...]
 
 
-class Pair(NamedTuple):
+class LevelPair(NamedTuple):
     """A level of a column over another, or over the mean of all ``others``."""
 
     column: str
@@ -104,7 +104,7 @@ class Contrast:
     """
 
     factors: tuple[str, ...]
-    compared: tuple[Pair, ...]
+    compared: tuple[LevelPair, ...]
     shared: Sequence[Mapping[str, str]] = ({},)
 
     @property
@@ -316,12 +316,12 @@ def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     return compared
 
 
-def _pairs(column: str, levels: Sequence[str], most: int = SETTINGS.in_pairs) -> list[Pair]:
+def _pairs(column: str, levels: Sequence[str], most: int = SETTINGS.in_pairs) -> list[LevelPair]:
     """Each level with each; of more than ``most`` each with all."""
     ordered = _ordered(levels)
     if len(ordered) > most:
-        return [Pair(column, level, ALL, tuple(levels)) for level in ordered]
-    return [Pair(column, level, against, (against,)) for level, against in combinations(ordered, 2)]
+        return [LevelPair(column, level, ALL, tuple(levels)) for level in ordered]
+    return [LevelPair(column, level, against, (against,)) for level, against in combinations(ordered, 2)]
 
 
 def _of_levels(column: str, levels: Sequence[str]) -> list[Contrast]:
@@ -378,7 +378,7 @@ def _of_combinations(
             others = dict(zip(factors, combo, strict=True))
             level = others.pop(name)
             levels_at[tuple(others.items())].append(level)
-        contexts: dict[Pair, list[dict[str, str]]] = defaultdict(list)
+        contexts: dict[LevelPair, list[dict[str, str]]] = defaultdict(list)
         for shared, levels in levels_at.items():
             for pair in _pairs(name, levels, most=len(levels)):
                 contexts[pair].append(dict(shared))

@@ -19,8 +19,8 @@ import xarray as xr
 from jaxtyping import Float, Int
 from scipy.optimize import elementwise
 
-from bayestissue.base.arrays import PerDraw
-from bayestissue.base.outcomes import HEADFORM_OUTCOMES as OUTCOMES
+from bayestissue.base.array_types import PerDraw
+from bayestissue.base.outcome_table import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.inference.answers.grammar import OF_MANY, Critical, Node, Number, Quantity, QuestionError
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, NO_LAW, fall_height

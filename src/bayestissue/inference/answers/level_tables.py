@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.outcomes import REFERENCE_OUTCOMES
+from bayestissue.base.outcome_table import REFERENCE_OUTCOMES
 from bayestissue.base.results.tables import joined, typed
 from bayestissue.inference.answers.contrasts import LEVELS, Contrasts
 from bayestissue.inference.answers.integration import SETTINGS

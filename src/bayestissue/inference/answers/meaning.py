@@ -19,7 +19,7 @@ from dataclasses import replace
 import xarray as xr
 
 from bayestissue.base.errors import Coded
-from bayestissue.base.outcomes import HEADFORM_OUTCOMES as OUTCOMES
+from bayestissue.base.outcome_table import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.base.outline import first_of
 from bayestissue.inference.answers.grammar import (
     OF_MANY,

@@ -30,7 +30,7 @@ import xarray as xr
 from jaxtyping import Bool, Float
 
 from bayestissue.base.errors import Coded, InputError, Problem, has_control_characters, path_argument
-from bayestissue.base.outcomes import HEADFORM_COLUMNS, NEVER, OUTCOME_COLUMNS
+from bayestissue.base.outcome_table import HEADFORM_COLUMNS, NEVER, OUTCOME_COLUMNS
 from bayestissue.base.results.files import whole_file, write_tree
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import DROP_HEIGHT, MOTION, NO_LAW, moving, unfit_height

@@ -27,7 +27,7 @@ import xarray as xr
 
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded, InputError, Problem, all_of, printable
-from bayestissue.base.outcomes import OUTCOMES
+from bayestissue.base.outcome_table import OUTCOMES
 from bayestissue.base.results.tables import table_of_rows
 from bayestissue.inference.answers.evaluation import draws_of
 from bayestissue.inference.answers.fixed import fixed_parts

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2, f_oneway
 
-from bayestissue.base.arrays import IndexPerImpact
+from bayestissue.base.array_types import IndexPerImpact
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded
 from bayestissue.base.remedies import sentence

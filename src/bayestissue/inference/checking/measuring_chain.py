@@ -40,7 +40,13 @@ from jax import Array
 from jaxtyping import Bool, Float
 from scipy.stats import chi2, norm
 
-from bayestissue.base.arrays import IndexPerImpact, JaxPerParameter, MaskPerImpact, PerImpact, PerParameter
+from bayestissue.base.array_types import (
+    IndexPerImpact,
+    JaxPerParameter,
+    MaskPerImpact,
+    PerImpact,
+    PerParameter,
+)
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import ALL_ROWS, Finding

@@ -24,7 +24,7 @@ from jax import Array
 from jaxtyping import Float
 from scipy.stats import binom, combine_pvalues
 
-from bayestissue.base.arrays import PerImpact, PerParameter, PerSample
+from bayestissue.base.array_types import PerImpact, PerParameter, PerSample
 from bayestissue.base.errors import InputError
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence

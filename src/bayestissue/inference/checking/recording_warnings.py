@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from bayestissue.base.arrays import MaskPerImpact, PerImpact
+from bayestissue.base.array_types import MaskPerImpact, PerImpact
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded, codes_of
 from bayestissue.base.outline import first_of

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bayestissue.base.arrays import PerImpact
+from bayestissue.base.array_types import PerImpact
 from bayestissue.base.errors import Coded, by_impact, codes_of
 from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,

@@ -20,8 +20,8 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
-from bayestissue.base.arrays import JaxPerImpact, JaxPerParameter, JaxPerSample, PerDraw
-from bayestissue.base.outcomes import HEADFORM_OUTCOMES, OUTCOMES
+from bayestissue.base.array_types import JaxPerImpact, JaxPerParameter, JaxPerSample, PerDraw
+from bayestissue.base.outcome_table import HEADFORM_OUTCOMES, OUTCOMES
 from bayestissue.base.padding import padded_impacts, padded_rows
 from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly, padded

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.base.declarations import declared
-from bayestissue.base.outcomes import DECLARED
+from bayestissue.base.outcome_table import DECLARED
 from bayestissue.inference.results.meanings import (
     LEVEL_WORDS,
     LEVEL_WORDS_OF_ONE_PERSON,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from bayestissue.base.declarations import declared
 from bayestissue.base.errors import Coded
-from bayestissue.base.outcomes import REFERENCE_OUTCOMES
+from bayestissue.base.outcome_table import REFERENCE_OUTCOMES
 
 QUANTITIES = ("K", "C")
 NAMES = {"K": "stiffness K", "C": "damping C"}
@@ -24,7 +24,7 @@ REPEATS = "repeats"
 MOSTLY = 0.5
 
 
-class Level(NamedTuple):
+class LevelWords(NamedTuple):
     """Of whom K and C are where a name is followed so: an entry of ``levels`` in ``variables.toml``."""
 
     of: str
@@ -33,7 +33,7 @@ class Level(NamedTuple):
 
 
 LEVELS = {
-    suffix: Level(**entry) for suffix, entry in declared(__package__, "variables.toml")["levels"].items()
+    suffix: LevelWords(**entry) for suffix, entry in declared(__package__, "variables.toml")["levels"].items()
 }
 # Of whom, and the same of the data of one person.
 LEVEL_WORDS = {suffix: level.of for suffix, level in LEVELS.items()}

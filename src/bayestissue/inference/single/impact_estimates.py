@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from bayestissue.base.arrays import MaskPerImpact, PerImpact
+from bayestissue.base.array_types import MaskPerImpact, PerImpact
 from bayestissue.base.errors import Coded, InputError
-from bayestissue.base.outcomes import DECLARED, INTERVAL_COLUMNS
+from bayestissue.base.outcome_table import DECLARED, INTERVAL_COLUMNS
 from bayestissue.base.resources import shared
 from bayestissue.base.result import Say, silent
 from bayestissue.inference.checking.findings import PEAK_MISSED

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from scipy.special import ndtr, softmax
 from scipy.stats import chi2, norm, qmc
 
-from bayestissue.base.arrays import (
+from bayestissue.base.array_types import (
     JaxPerParameter,
     JaxPerSample,
     MaskPerImpact,
@@ -77,7 +77,7 @@ class SinglePosteriors(NamedTuple):
             ratio "zeta", and "sigma", the standard deviation of the recorder's noise [m/s^2] or of a
             displacement's shocks [m]: ``median``, ``low`` and ``high``, the ends of the 90 % interval that
             leaves out as much probability on either side, and ``sd``. Of what the impact came to, by the
-            names of `bayestissue.base.outcomes.HEADFORM_OUTCOMES`, of a headform all of them,
+            names of `bayestissue.base.outcome_table.HEADFORM_OUTCOMES`, of a headform all of them,
             none of displacements: the same, but ``never``, the probability of what is infinite, for ``sd``.
         parameters: medians of log K, log C and the noise's parameters, K and C at the recorded mass.
         residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the

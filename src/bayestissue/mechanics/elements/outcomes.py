@@ -12,8 +12,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 from scipy.constants import g as standard_gravity
 
-from bayestissue.base.arrays import JaxPerImpact
-from bayestissue.base.outcomes import OUTCOMES
+from bayestissue.base.array_types import JaxPerImpact
+from bayestissue.base.outcome_table import OUTCOMES
 from bayestissue.mechanics.elements.element import GRAVITY, Collision, Element, Outcomes, Parameters
 from bayestissue.mechanics.elements.head_injury import SEARCH, head_injury, pulse_of
 from bayestissue.mechanics.elements.library import element as named

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.base.arrays import IndexPerImpact, PerImpact
+from bayestissue.base.array_types import IndexPerImpact, PerImpact
 from bayestissue.base.declarations import sentences
 from bayestissue.base.errors import Coded
 from bayestissue.mechanics.elements import element

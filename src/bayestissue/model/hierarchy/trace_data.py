@@ -15,7 +15,7 @@ import pandas as pd
 from jaxtyping import Float
 from numpyro.infer.reparam import LocScaleReparam
 
-from bayestissue.base.arrays import IndexPerImpact
+from bayestissue.base.array_types import IndexPerImpact
 from bayestissue.base.errors import InputError, Problem, along_with
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.element import GRAVITY, REFERENCE_DIAMETER_M, Element

@@ -19,7 +19,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.base.arrays import IndexPerImpact, JaxPerImpact, JaxPerSample, PerImpact, PerSample
+from bayestissue.base.array_types import IndexPerImpact, JaxPerImpact, JaxPerSample, PerImpact, PerSample
 from bayestissue.base.padding import bucket, padded_zeros
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.oscillator import to_differences

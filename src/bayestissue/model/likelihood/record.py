@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.base.arrays import IndexPerImpact, JaxPerImpact, JaxPerSample, PerImpact
+from bayestissue.base.array_types import IndexPerImpact, JaxPerImpact, JaxPerSample, PerImpact
 from bayestissue.base.padding import padded_zeros
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.model.likelihood.linear_errors import part_of

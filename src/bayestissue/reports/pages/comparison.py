@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.base.errors import InputError
-from bayestissue.base.outcomes import REFERENCE_OUTCOMES
+from bayestissue.base.outcome_table import REFERENCE_OUTCOMES
 from bayestissue.base.remedies import codes_in
 from bayestissue.base.results.tables import read_tables, table_of_rows, typed, wrong_in
 from bayestissue.inference.results.meanings import NAMES, UNITS, heading_words, outcome_name

@@ -12,7 +12,7 @@ from typing import Any, Self
 import pandas as pd
 
 from bayestissue.base.declarations import declared, general, sentences
-from bayestissue.base.outcomes import DECLARED, HEADFORM_COLUMNS
+from bayestissue.base.outcome_table import DECLARED, HEADFORM_COLUMNS
 from bayestissue.base.words import NOUNS, Words
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.base.declarations import declared
-from bayestissue.base.outcomes import DECLARED
+from bayestissue.base.outcome_table import DECLARED
 from bayestissue.base.words import PLAIN, Words
 from bayestissue.inference.answers.contrasts import INTERACTION
 from bayestissue.inference.answers.study import Study

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.base.outcomes import DECLARED
+from bayestissue.base.outcome_table import DECLARED
 from bayestissue.base.results.tables import declared_files
 from bayestissue.inference.answers.study import Study
 from bayestissue.inference.results.meanings import UNITS, symbols

@@ -18,7 +18,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Bool, Float
 
-from bayestissue.base.outcomes import OUTCOMES
+from bayestissue.base.outcome_table import OUTCOMES
 from bayestissue.base.result import Say, silent
 from bayestissue.base.runtime import in_threads
 from bayestissue.inference.answers.evaluation import draws_of

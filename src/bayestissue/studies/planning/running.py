@@ -16,7 +16,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.base.arrays import PerImpact
+from bayestissue.base.array_types import PerImpact
 from bayestissue.base.errors import InputError
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.model.hierarchy.specification import ModelSpecification

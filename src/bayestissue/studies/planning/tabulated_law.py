@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.base.outcomes import HEADFORM_OUTCOMES
+from bayestissue.base.outcome_table import HEADFORM_OUTCOMES
 from bayestissue.inference.answers.law import MET, Law, Values
 from bayestissue.model.hierarchy.responses import RESPONSES
 from bayestissue.model.hierarchy.specification import ModelSpecification

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from bayestissue.base.outcomes import DECLARED
+from bayestissue.base.outcome_table import DECLARED
 from bayestissue.inference.answers.law import fall_height
 from bayestissue.inference.results.meanings import UNITS, outcome_name
 from bayestissue.reports.figures import force_curves as drawn

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.base.errors import Coded
-from bayestissue.base.outcomes import REFERENCE_OUTCOMES
+from bayestissue.base.outcome_table import REFERENCE_OUTCOMES
 from bayestissue.inference.answers.contrasts import ALSO, INTERACTION, LEVELS
 from bayestissue.inference.results.meanings import ICC, MDC, MOSTLY, REPEATS, SEM, outcome_name
 from bayestissue.recordings.dataset.impact_table import SESSIONS

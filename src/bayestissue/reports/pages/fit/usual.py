@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from bayestissue.base.literature import FACTOR, MEASURED, Comparable, Measurement, Range, comparable
-from bayestissue.base.outcomes import OUTCOME_COLUMNS
+from bayestissue.base.outcome_table import OUTCOME_COLUMNS
 from bayestissue.inference.results.meanings import COLUMNS, outcome_name
 from bayestissue.reports.pages.fit.fit_run import FitRun
 from bayestissue.reports.pages.fit.level_outcomes import quantity_title, scaled
