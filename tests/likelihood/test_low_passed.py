@@ -120,12 +120,12 @@ def test_an_impact_behind_a_filter_is_the_closed_form(recorder):
 def test_the_motion_is_in_flight_until_contact():
     given = low_pass(FILTERS[3], lead=20)
     flown = record(-2.5 * DT, given, 10)
-    found = jax.jit(motion)(collision_of(TISSUE, PARAMETERS, flown), flown)
+    x, v, d = jax.jit(motion)(collision_of(TISSUE, PARAMETERS, flown), flown)
     since = (np.arange(10) - 2.5) * DT
-    np.testing.assert_allclose(found.x[0, :3], VELOCITY * since[:3])
-    np.testing.assert_allclose(found.d[0, :3], 0)
-    assert (np.diff(found.x[0]) > 0).all()
-    np.testing.assert_allclose(found.d[0, 3], -np.gradient(found.v[0], DT)[4], rtol=0.1)
+    np.testing.assert_allclose(x[0, :3], VELOCITY * since[:3])
+    np.testing.assert_allclose(d[0, :3], 0)
+    assert (np.diff(x[0]) > 0).all()
+    np.testing.assert_allclose(d[0, 3], -np.gradient(v[0], DT)[4], rtol=0.1)
 
 
 def test_a_force_that_has_fallen_to_0_stays_there():
