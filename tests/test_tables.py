@@ -52,7 +52,7 @@ def test_what_is_shown_is_made_of_columns_of_the_file():
     views = [(name, file, *view) for name, file in declared_files().items() for view in file.looks.items()]
     for name, file, view, looks in (one for one in views if one[3]):
         assert {column for look in looks.values() for column in look["of"]} <= set(file.columns), name
-        fields = declared_fields(name.removesuffix(".csv"), looks, view, near="10 %", file="impacts.csv")
+        fields = declared_fields(name.removesuffix(".csv"), looks, view, near="10 %")
         optional = [look.get("optional", False) for look in looks.values()]
         assert [field.optional for field in fields] == optional
     assert declared_files()["levels.csv"].columns["level"].kind == "text"

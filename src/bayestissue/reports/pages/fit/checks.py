@@ -86,7 +86,7 @@ def left_out_summary(run: FitRun) -> Table:
         row = {"scheme": scheme, "parts": len(part), "high": len(high), "k": part["pareto_k"].max()}
         row |= {"elpd": part["elpd"].sum(), "se": np.sqrt(len(part)) * part["elpd"].std(ddof=1)}
         rows.append(row | {"which": listed(high[:12]) + (" and others" if len(high) > 12 else "")})
-    return shown("left_out", pd.DataFrame(rows), mark=lambda row: "disagrees" if row["high"] else "")
+    return shown("parts_left_out", pd.DataFrame(rows), mark=lambda row: "disagrees" if row["high"] else "")
 
 
 def left_out_table(run: FitRun) -> Table:
