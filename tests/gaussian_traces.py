@@ -16,7 +16,7 @@ from numpyro import handlers
 from numpyro.distributions import biject_to
 
 from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
-from bayestissue.inference.chain.target import FIELDS, Target
+from bayestissue.inference.chain.target import FIELDS, SIZES, Target
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.model.hierarchy.trace_models import impacts_model
@@ -27,7 +27,7 @@ from bayestissue.recordings.dataset.arrays import dataset
 TOLD = np.array([0.1, 0.3, 0.2, 0.4])
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=[*FIELDS, "traces"], meta_fields=["levels"])
+@partial(jax.tree_util.register_dataclass, data_fields=[*FIELDS, "traces"], meta_fields=SIZES)
 @dataclass(frozen=True)
 class GaussianTarget(Target):
     """A posterior whose traces' likelihoods are ``traces``."""
@@ -41,7 +41,7 @@ class GaussianTarget(Target):
         return jnp.where(self.present, self.traces.log_density(u.T), 0.0)
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=[*FIELDS, "traces"], meta_fields=["levels"])
+@partial(jax.tree_util.register_dataclass, data_fields=[*FIELDS, "traces"], meta_fields=SIZES)
 @dataclass(frozen=True)
 class MixtureTarget(Target):
     """A posterior whose traces' likelihoods are the sum of several ``traces``, along their first axis."""

@@ -288,14 +288,16 @@ def _end_with(parent: int) -> None:
     os._exit(INTERRUPTED)
 
 
-def in_threads[Item, Result](function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """``function`` of each item, in their order, in as many threads as there are cores, all in float64.
+def in_threads[Item, Result](
+    function: Callable[[Item], Result], items: Iterable[Item], threads: int | None = None
+) -> Iterator[Result]:
+    """``function`` of each item, in their order, all in float64, in so many threads or one a core.
 
     JAX's setting is each thread's own, and what is compiled leaves Python's lock to others.
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    with ThreadPoolExecutor(cores()) as pool:
+    with ThreadPoolExecutor(threads or cores()) as pool:
         yield from pool.map(in_float64(function), items)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,15 +12,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.sharding import NamedSharding
+from jax.sharding import PartitionSpec as P
 from jaxtyping import Float
 
+from bayestissue.base import runtime
 from bayestissue.base.padding import padded_impacts
 from bayestissue.base.result import Say, silent
 from bayestissue.inference.chain.chain_settings import FIRST, ChainSettings
 from bayestissue.inference.chain.moves import Kernel, State, Steps, Tuning, Visited, transition
 from bayestissue.inference.chain.results import ChainDraws, ChainEnd, constrained
 from bayestissue.inference.chain.run import Chains, Segment, sampled, warm_up
-from bayestissue.inference.chain.target import Target
+from bayestissue.inference.chain.target import AXIS, FIELDS, Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY, compiled_quickly
 from bayestissue.inference.execution.kept import all_kept, evenly_spaced, some_impacts, some_of
@@ -30,8 +34,7 @@ from bayestissue.model.hierarchy.trace_data import Prepared
 from bayestissue.model.hierarchy.trace_models import Hierarchy, hyperparameters_at
 
 
-@partial(jax.jit, compiler_options=FULLY)
-def _advanced(kernel: Kernel, carried: tuple[State, Steps], key: Array) -> Segment:
+def _segment(kernel: Kernel, carried: tuple[State, Steps], key: Array) -> Segment:
     one, settings = partial(transition, kernel), kernel.settings
 
     def until_kept(carried: tuple[State, Steps], keys: Array) -> Any:
@@ -42,6 +45,35 @@ def _advanced(kernel: Kernel, carried: tuple[State, Steps], key: Array) -> Segme
     carried, (visited, rates, u, traces) = jax.lax.scan(until_kept, carried, keys)
     visited, rates = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), (visited, rates))
     return Segment(carried, visited._replace(u=u, traces=traces), rates)
+
+
+_advanced = jax.jit(_segment, compiler_options=FULLY)
+
+
+def _of_devices(kernel: Kernel) -> Any:
+    """`_advanced` of such a kernel, each device with its part of the impacts; all arguments are global."""
+    # What is the same on all devices, and of impacts along some axis.
+    same: Any = P()
+    axes: list[Any] = [P(*[None] * axis, AXIS) for axis in range(3)]
+    target, (first, second, third) = kernel.target, axes
+    # Along which axes traces lie is seen where there is one more of them.
+    one, two = (target.data.impacts(np.zeros(number, int)) for number in (1, 2))
+    data = jax.tree.map(
+        lambda a, b: P(*(AXIS if m < n else None for m, n in zip(a.shape, b.shape, strict=True))), one, two
+    )
+    of_impacts = {"data": data, "compressed": first, "present": first, "level": first}
+    target = replace(target, **dict.fromkeys(FIELDS, same) | of_impacts)
+    kernel = replace(kernel, target=target, tuning=Tuning(second, same, first, same, same, second), gain=same)
+    carried = State(same, same, second, first), Steps(first, first, same, same, same)
+    mesh = jax.make_mesh((target.shards,), (AXIS,), axis_types=(jax.sharding.AxisType.Auto,))
+    segment = jax.shard_map(
+        _segment,
+        mesh=mesh,
+        in_specs=(kernel, carried, same),
+        out_specs=Segment(carried, Visited(same, same, same, same, third, second), same),
+        check_vma=False,
+    )
+    return jax.jit(segment, compiler_options=FULLY, out_shardings=NamedSharding(mesh, same))
 
 
 class ChainJob(NamedTuple):
@@ -64,8 +96,17 @@ class ChainJob(NamedTuple):
 
     def chains(self, target: Target, settings: ChainSettings, tuning: Tuning, carried: list[Any]) -> Chains:
         """Its chains, which carry what is given on."""
-        keys, folder = jax.random.split(jax.random.PRNGKey(self.seed), self.sampler.chains), self.checkpoints
-        return Chains(_advanced, target, settings, keys, tuning, carried, folder, progress=self.progress)
+        keys = jax.random.split(jax.random.PRNGKey(self.seed), self.sampler.chains)
+        shared, advance, at_once = target.shared_out(), _advanced, runtime.cores()
+        if shared.shards > 1:
+            # Devices wait for one another: all have to begin the same chain.
+            target, advance, at_once = (
+                jax.device_get(shared),
+                _of_devices(Kernel(shared, settings, tuning)),
+                1,
+            )
+        of_run = keys, tuning, carried, self.checkpoints, at_once
+        return Chains(advance, target, settings, *of_run, progress=self.progress)
 
 
 def chain_draws(

@@ -217,6 +217,11 @@ class MoveNumbers(NamedTuple):
     decision: Float[Array, " part"]
     walk: WalkNumbers
 
+    def shard(self, target: Target) -> Self:
+        """Of the impacts that this device has."""
+        impacts, way, label = map(target.shard, (self.impacts, self.way, self.label))
+        return self._replace(impacts=impacts, way=way, label=label)
+
 
 def walk_numbers(target: Target, steps: int, key: Array) -> WalkNumbers:
     """The random numbers of a walk by itself."""
@@ -226,7 +231,7 @@ def walk_numbers(target: Target, steps: int, key: Array) -> WalkNumbers:
 
 def move_numbers(target: Target, settings: ChainSettings, key: Array) -> MoveNumbers:
     """The random numbers of one move of the impacts."""
-    size, impacts, steps = 2 + len(target.model.nuisance), len(target.present), settings.inner + 1
+    size, impacts, steps = 2 + len(target.model.nuisance), target.impacts, settings.inner + 1
     normal, uniform = [(size, impacts), *_of_walk(target, steps)], [(impacts,), (impacts,), (target.parts,)]
     numbers, uniform_numbers = _drawn(key, normal, [*uniform, (steps,)])
     of_impacts, step, scale, effects = numbers
@@ -271,15 +276,16 @@ class Proposal(NamedTuple):
     @classmethod
     def of_impacts(cls, target: Target, state: State, log_ratio: Float[Array, " impact"]) -> Self:
         """Of impacts alone, each by itself."""
-        impacts, effects = jnp.arange(len(target.present)), jnp.zeros(len(state.b), int)
-        return cls(state, log_ratio, impacts, effects, jnp.zeros(target.parts), jnp.zeros(()))
+        effects = jnp.zeros(len(state.b), int)
+        return cls(state, log_ratio, target.numbers, effects, jnp.zeros(target.parts), jnp.zeros(()))
 
 
 def log_sites(
     sites: GaussianFactor, u: Float[Array, "parameter impact"], *, first: bool = False
 ) -> Float[Array, " impact"]:
     """Log q of every impact, the sum over its sites, or the first of them alone."""
-    log_density = sites.log_density(u.T)
+    # Not a sum along an axis, for which the compiler has several ways, by the number of impacts.
+    log_density = sites.batch_last().recentred(u[:, None]).log_scale
     return log_density[0] if first or len(log_density) == 1 else logsumexp(log_density, axis=0)
 
 
@@ -382,12 +388,12 @@ def by_common(kernel: Kernel, steps: Steps, state: State, numbers: MoveNumbers) 
     target, tuning, walk = kernel.target, kernel.tuning, numbers.walk
     which, at = target.common, target.common_spread
     assert which is not None  # noqa: S101 - made of such models alone
-    shown, number = target.per_inertia(state.u), target.present.sum()
-    mean = jnp.where(target.present, shown[which], 0.0).sum() / number
+    shown, number = target.per_inertia(state.u), target.gathered(target.present).sum()
+    mean = target.gathered(jnp.where(target.present, shown[which], 0.0)).sum() / number
     z = (jnp.stack([mean, mean if at is None else state.y[at]]) - tuning.common.location) / tuning.common.root
     length = _COMMON_LEAST ** jnp.maximum(2 * walk.decision[0] - 1, 0.0)
     scale = jnp.sqrt((FREEDOM + z**2) / (walk.scale[0, : FREEDOM + 1] ** 2).sum())
-    proposed = jnp.sqrt(1 - length**2) * z + length * scale * numbers.impacts[0, 0]
+    proposed = jnp.sqrt(1 - length**2) * z + length * scale * target.gathered(numbers.impacts)[0, 0]
     # The first of a walk's numbers says how far, the second which of the two.
     chosen = jnp.arange(2) == (0 if at is None else (walk.decision[1] < 1 / 2).astype(int))
     shift, further = jnp.where(chosen, (proposed - z) * tuning.common.root, 0.0)
@@ -492,7 +498,8 @@ def decided(
     """
     value = target.log_likelihood(proposal.state.u)
     log_ratio = jnp.where(target.present, value - state.log_likelihood + proposal.log_ratio, 0.0)
-    log_ratio = jax.ops.segment_sum(log_ratio, proposal.part, target.parts) + proposal.log_prior
+    log_ratio, part = target.gathered(log_ratio), target.gathered(proposal.part)
+    log_ratio = jax.ops.segment_sum(log_ratio, part, target.parts) + proposal.log_prior
     accepted = jnp.log(uniform) < log_ratio
     of_impact = accepted[proposal.part]
     u, value = _either(of_impact, (proposal.state.u, value), (state.u, state.log_likelihood))
@@ -527,8 +534,8 @@ class MoveOutcome(NamedTuple):
     def acceptances(self, target: Target) -> Acceptances:
         """No number for what was not tried."""
         tried = Acceptances(
-            _share(self.accepted, target.present & ~self.walks),
-            _share(self.accepted, target.present & self.walks),
+            _share(self.accepted, target.gathered(target.present & ~self.walks)),
+            _share(self.accepted, target.gathered(target.present & self.walks)),
             self.accepted[0],
             self.inner,
             _share(self.accepted, target.level_present),
@@ -547,7 +554,8 @@ class MoveOutcome(NamedTuple):
         def longer(step: Array, among: Any, rate: Array, wanted: float, bounds: tuple[float, float]) -> Array:
             return jnp.where(among, followed(step, gain, rate - wanted, bounds), step)
 
-        of_impact, of_level = self.accepted[: len(self.walks)], self.accepted[: len(steps.level)]
+        of_level, of_impact = (self.accepted[:size] for size in (len(steps.level), kernel.target.impacts))
+        of_impact = kernel.target.shard(of_impact)
         by_impact, by_level = self.kind == _BY_IMPACT, self.kind == _BY_LEVEL
         oftener = jnp.clip(steps.walks + gain * (1 - of_impact - steps.walks), *settings.walks)
         return steps._replace(
@@ -588,6 +596,7 @@ def transition(
         state, steps, rates = at
         of_move = move_numbers(target, settings, keys[1 + index])
         way = of_move.way[0] - by_common_share
+        of_move = of_move.shard(target)
         of_population = jnp.where(way < by_levels * (1 - by_common_share), _BY_LEVEL, _BY_POPULATION)
         of_population = jnp.where(way < 0, _BY_COMMON, of_population)
         kind, walks = jnp.where(index == 0, _BY_IMPACT, of_population), of_move.way < steps.walks
@@ -608,4 +617,7 @@ def transition(
     rates = Acceptances(none, none, none, none, none, of_centred)
     state, steps, rates = jax.lax.fori_loop(0, evaluations, move, (state, steps, rates))
     log_ratios = target.log_ratios(state.log_likelihood - log_sites(kernel.tuning.sites, state.u, first=True))
-    return (state, steps), (Visited(state.y, state.b, state.log_likelihood.sum(), log_ratios), rates)
+    return (state, steps), (
+        Visited(state.y, state.b, target.gathered(state.log_likelihood).sum(), log_ratios),
+        rates,
+    )

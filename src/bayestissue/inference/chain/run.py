@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,6 +54,7 @@ class Chains:
         tuning: what they have learned.
         carried: what each chain carries.
         checkpoints: where finished segments are kept, if anywhere.
+        at_once: how many chains are computed at once, each in a thread.
         number: of the next segment.
         progress: told the stage, how many segments are done, and of how many.
     """
@@ -65,14 +66,15 @@ class Chains:
     tuning: Any
     carried: list[Any]
     checkpoints: Path | None = None
+    at_once: int = field(default_factory=lambda: runtime.cores())
     number: int = 0
     progress: Say = silent
 
     def next(self, gain: float) -> list[Segment]:
-        """The next segment of every chain, each in a thread, as many at once as there are cores."""
+        """The next segment of every chain."""
         kernel = Kernel(self.target, self.settings, self.tuning, gain)
         chains = range(len(self.keys))
-        segments = list(runtime.in_threads(lambda chain: self._segment(chain, kernel), chains))
+        segments = list(runtime.in_threads(lambda chain: self._segment(chain, kernel), chains, self.at_once))
         self.carried = [segment.carried for segment in segments]
         self.number += 1
         return segments

@@ -8,7 +8,7 @@ out: of a log that is no physics, and the algebra would lose its digits there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, Self
 
@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from bayestissue.base.padding import bucket, padded_impacts
 from bayestissue.inference.execution.kept import all_kept, some_impacts
@@ -42,9 +42,11 @@ from bayestissue.model.hierarchy.trace_models import (
     impact_likelihood,
     log_likelihood,
 )
-from bayestissue.model.likelihood.compressed import CompressedTraces, log_density, within
+from bayestissue.model.likelihood.compressed import LANES, CompressedTraces, log_density, within
 
 LEAST = 1e-4
+# The axis of devices, each of which has some of the impacts.
+AXIS = "impact"
 _MOST_CORRELATION = 1 - 1e-9
 
 
@@ -71,9 +73,10 @@ class ConditionalEffects(NamedTuple):
 
 
 FIELDS = ["model", "data", "compressed", "present", "shown", "groups", "level", "level_present"]
+SIZES = ["levels", "shards"]
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=FIELDS, meta_fields=["levels"])
+@partial(jax.tree_util.register_dataclass, data_fields=FIELDS, meta_fields=SIZES)
 @dataclass(frozen=True)
 class Target:
     """The posterior of one prepared dataset.
@@ -88,6 +91,7 @@ class Target:
         level: of the grouping that is eliminated first, likewise; of a design without one all are of one.
         level_present: which of these levels have impacts.
         levels: how many levels each has.
+        shards: over how many devices the impacts are shared out.
     """
 
     model: TraceModel
@@ -99,6 +103,7 @@ class Target:
     level: Int[Array, " impact"]
     level_present: Bool[Array, " level"]
     levels: tuple[int, ...]
+    shards: int = 1
 
     @classmethod
     def from_prepared(cls, prepared: Prepared) -> Self:
@@ -123,6 +128,16 @@ class Target:
             tuple(bucket(len(grouping.levels)) for grouping in groupings),
         )
 
+    def shared_out(self) -> Self:
+        """The same over all devices, where traces are compressed and each gets as many blocks of them.
+
+        A loop over a single block is compiled as none, and its last digits are others: of less than two
+        blocks a device, and of traces that aren't compressed, one has all.
+        """
+        blocks, rest = divmod(len(self.present), LANES * jax.device_count())
+        shared = self.compressed is not None and blocks > 1 and not rest
+        return replace(self, shards=jax.device_count()) if shared else self
+
     @property
     def level_effects(self) -> Int[Array, "inner level"]:
         """Elements of b of each level of the grouping that is eliminated first; one past the last: none.
@@ -136,7 +151,28 @@ class Target:
     @property
     def parts(self) -> int:
         """The most parts of a proposal that are accepted or not: impacts, or levels."""
-        return max(len(self.present), self.level_effects.shape[1])
+        return max(self.impacts, self.level_effects.shape[1])
+
+    @property
+    def impacts(self) -> int:
+        """How many there are, those that fill up and those of other devices included."""
+        return self.shards * len(self.present)
+
+    @property
+    def numbers(self) -> Int[Array, " impact"]:
+        """Of the impacts that this device has."""
+        return self.shard(jnp.arange(self.impacts))
+
+    def shard(self, values: Shaped[Array, "*batch all"]) -> Shaped[Array, "*batch impact"]:
+        """What this device has of the values of all impacts."""
+        if self.shards == 1:
+            return values
+        size = len(self.present)
+        return jax.lax.dynamic_slice_in_dim(values, jax.lax.axis_index(AXIS) * size, size, axis=-1)
+
+    def gathered(self, values: Array, axis: int = -1) -> Array:
+        """The values of all impacts, in their order along one axis, of what each device has."""
+        return values if self.shards == 1 else jax.lax.all_gather(values, AXIS, axis=axis, tiled=True)
 
     def covariances(self, y: Float[Array, " hyperparameter"]) -> Covariances:
         """Of an impact's parameters about X b, and of b."""
@@ -165,7 +201,7 @@ class Target:
         impacts = impact_likelihood(self.model, self.data, u)
         value = log_density(traces, impacts)
         known = within(traces, impacts) & jnp.isfinite(value) | ~self.present
-        return jax.lax.cond(known.all(), lambda u: value, self._of_all_samples, u)
+        return jax.lax.cond(self.gathered(known).all(), lambda u: value, self._of_all_samples, u)
 
     def log_likelihoods(
         self, u: Float[np.ndarray, "point parameter impact"]
@@ -211,7 +247,7 @@ class Target:
 
     def log_ratios(self, log_ratio: Float[Array, " impact"]) -> LogRatios:
         """What is kept of every trace's likelihood over its site."""
-        there = jnp.where(self.present, log_ratio, 0.0)
+        there = self.gathered(jnp.where(self.present, log_ratio, 0.0))
         pairs = zip(self.groups, self.levels, strict=True)
         return LogRatios(
             there[self.shown], tuple(jax.ops.segment_sum(there, code, levels) for code, levels in pairs)
@@ -225,9 +261,9 @@ class Target:
         """What the population's density asks of the impacts where these are known."""
         design = self.data.design
         mean = expected_by_cell(design, self.data.location_mean)
-        deviation = jnp.where(self.present, u - mean[:, design.cell], 0.0)
+        deviation = self.gathered(jnp.where(self.present, u - mean[:, design.cell], 0.0))
         squares = deviation[:, None] * deviation[None]
-        number = jnp.where(self.present, 1.0, 0.0)
+        number = self.gathered(jnp.where(self.present, 1.0, 0.0))
         return CellSums(*(design.to_cells(values) for values in (number, deviation, squares)))
 
     def given_impacts(self, y: Float[Array, " hyperparameter"], sums: CellSums) -> ConditionalEffects:
@@ -249,10 +285,12 @@ class Target:
 
     def blocked(self, sites: GaussianFactor) -> GaussianFactor:
         """Impacts' sites as the design arranges them."""
-        said = jax.tree.map(
-            lambda leaf: jnp.where(self.present.reshape(-1, *[1] * (leaf.ndim - 1)), leaf, 0.0), sites
-        )
-        return self.data.design.blocked(said)
+
+        def telling(leaf: Array) -> Array:
+            present = self.present.reshape(-1, *[1] * (leaf.ndim - 1))
+            return self.gathered(jnp.where(present, leaf, 0.0), axis=0)
+
+        return self.data.design.blocked(jax.tree.map(telling, sites))
 
     def _integrated(self, y: Array, covariances: Covariances, sums: GaussianFactor) -> ConditionalEffects:
         conditional, log_density = integrate_effects(self.data.design, covariances, sums)
