@@ -1,1 +1,1 @@
-"""What all rooms stand on: errors, words, settings, files of a result, the runtime."""
+"""What all rooms stand on: outcomes, errors and warnings with their words, settings, files, the runtime."""

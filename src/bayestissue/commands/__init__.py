@@ -1,1 +1,1 @@
-"""One module a command: read, compute, write whole, and say on the console what was done."""
+"""The commands: each reads, computes, writes whole, and says on the console what was done."""
