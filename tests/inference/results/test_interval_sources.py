@@ -120,6 +120,8 @@ def drawn(given: Prepared, u: np.ndarray) -> Draws:
     for q in "KC":
         population |= {f"{stem}_{q}": np.full(shape, sd) for stem, sd in SPREADS.items()}
         population[f"intercept_{q}"] = rng.standard_normal(shape)
+        for term in given.design.responses[q].terms:
+            population[term.effect(q)] = np.zeros((*shape, len(given.design.groupings[term.grouping].levels)))
     population["residual_correlation"] = np.zeros(shape)
     impacts = {q: np.exp(u[:, i] + 0.01 * rng.standard_normal((*shape, len(u)))) for i, q in enumerate("KC")}
     return Draws(population, impacts | {"parameters": np.broadcast_to(u, (*shape, *u.shape))}, {})
