@@ -117,7 +117,7 @@ def of_transitions(dataset: Path, model: str) -> str:
     import jax.numpy as jnp
     import numpy as np
 
-    from bayestissue.base.padding import padded_impacts
+    from bayestissue.base.impact_arrays import padded_impacts
     from bayestissue.inference.chain.chain_settings import ChainSettings
     from bayestissue.inference.chain.draws import _advanced
     from bayestissue.inference.chain.moves import Kernel

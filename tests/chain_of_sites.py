@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayestissue.base.padding import padded_impacts
+from bayestissue.base.impact_arrays import padded_impacts
 from bayestissue.inference.chain.results import ChainDraws, constrained
 from bayestissue.inference.chain.target import Target
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from bayestissue.base.padding import bucket, padded_impacts, padded_rows, padded_zeros
+from bayestissue.base.impact_arrays import bucket, padded_impacts, padded_rows, padded_zeros
 
 
 def test_the_sizes_are_few_and_a_fourth_too_large_at_most() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bayestissue.base.padding import padded_impacts
+from bayestissue.base.impact_arrays import padded_impacts
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare

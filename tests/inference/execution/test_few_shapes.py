@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.base.padding import padded_impacts
+from bayestissue.base.impact_arrays import padded_impacts
 from bayestissue.inference.chain.target import Target
 from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import POINTS, densities_at, log_likelihoods

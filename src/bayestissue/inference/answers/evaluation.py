@@ -19,7 +19,7 @@ import xarray as xr
 from jaxtyping import Float, Int
 from scipy.optimize import elementwise
 
-from bayestissue.base.array_types import PerDraw
+from bayestissue.base.impact_arrays import PerDraw
 from bayestissue.base.outcome_table import HEADFORM_OUTCOMES as OUTCOMES
 from bayestissue.inference.answers.grammar import OF_MANY, Critical, Node, Number, Quantity, QuestionError
 from bayestissue.inference.answers.integration import SETTINGS

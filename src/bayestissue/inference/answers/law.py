@@ -12,9 +12,9 @@ from jax import Array
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from bayestissue.base.array_types import MaskPerImpact
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded
+from bayestissue.base.impact_arrays import MaskPerImpact
 from bayestissue.base.outcome_table import HEADFORM_OUTCOMES
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.execution.compiling import in_parts

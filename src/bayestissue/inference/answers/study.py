@@ -19,8 +19,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.base.array_types import MaskPerImpact, PerDraw, PerImpact
 from bayestissue.base.errors import Coded
+from bayestissue.base.impact_arrays import MaskPerImpact, PerDraw, PerImpact
 from bayestissue.base.outcome_table import HEADFORM_OUTCOMES, REFERENCE_OUTCOMES
 from bayestissue.inference.answers.integration import SETTINGS
 from bayestissue.inference.answers.law import MET, Law, beyond, moving

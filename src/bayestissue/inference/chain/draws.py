@@ -17,7 +17,7 @@ from jax.sharding import PartitionSpec as P
 from jaxtyping import Float
 
 from bayestissue.base import runtime
-from bayestissue.base.padding import padded_impacts
+from bayestissue.base.impact_arrays import padded_impacts
 from bayestissue.base.result import Say, silent
 from bayestissue.inference.chain.chain_settings import FIRST, ChainSettings
 from bayestissue.inference.chain.moves import Kernel, State, Steps, Tuning, Visited, transition

@@ -18,7 +18,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int, Shaped
 
-from bayestissue.base.padding import bucket, padded_impacts
+from bayestissue.base.impact_arrays import bucket, padded_impacts
 from bayestissue.inference.execution.kept import all_kept, some_impacts
 from bayestissue.inference.factors.sites import log_likelihoods
 from bayestissue.mechanics.elements import element

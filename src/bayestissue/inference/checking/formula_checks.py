@@ -16,9 +16,9 @@ from jaxtyping import Float, Int
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2, f_oneway
 
-from bayestissue.base.array_types import IndexPerImpact
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded
+from bayestissue.base.impact_arrays import IndexPerImpact
 from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import Finding
 from bayestissue.inference.execution.kept import some_impacts

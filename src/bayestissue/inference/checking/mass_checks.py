@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from scipy.stats import linregress
 
-from bayestissue.base.array_types import PerImpact
+from bayestissue.base.impact_arrays import PerImpact
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import ALL_ROWS, Finding

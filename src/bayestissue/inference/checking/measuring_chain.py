@@ -40,7 +40,7 @@ from jax import Array
 from jaxtyping import Bool, Float
 from scipy.stats import chi2, norm
 
-from bayestissue.base.array_types import (
+from bayestissue.base.impact_arrays import (
     IndexPerImpact,
     JaxPerParameter,
     MaskPerImpact,

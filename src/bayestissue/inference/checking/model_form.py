@@ -24,8 +24,8 @@ from jax import Array
 from jaxtyping import Float
 from scipy.stats import binom, combine_pvalues
 
-from bayestissue.base.array_types import PerImpact, PerParameter, PerSample
 from bayestissue.base.errors import InputError
+from bayestissue.base.impact_arrays import PerImpact, PerParameter, PerSample
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import sentence
 from bayestissue.inference.checking.findings import ALL_ROWS, OF_K, Finding, warned_codes

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from bayestissue.base.array_types import MaskPerImpact, PerImpact
 from bayestissue.base.declarations import general
 from bayestissue.base.errors import Coded, codes_of
+from bayestissue.base.impact_arrays import MaskPerImpact, PerImpact
 from bayestissue.base.outline import first_of
 from bayestissue.base.remedies import entries, sentence
 from bayestissue.inference.checking.findings import Finding

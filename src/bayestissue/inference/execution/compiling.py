@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue.base.padding import padded_impacts
+from bayestissue.base.impact_arrays import padded_impacts
 
 Function = Callable[..., Any]
 # XLA spends most of a compilation on making the result fast. Level 1 compiles in a fifth less time and its
@@ -60,7 +60,7 @@ def by_row(size: int, *, constant: int, axes: int = 1) -> Callable[[Function], F
 def padded(*axes: int | None) -> Callable[[Function], Function]:
     """Makes a compiled function of (model, data, ...) one of any number of impacts.
 
-    It is called with a `bayestissue.base.padding.bucket` of impacts and of samples, and without the
+    It is called with a `bayestissue.base.impact_arrays.bucket` of impacts and of samples, and without the
     population's design; what it returns is cut to the impacts again, along the first of the axes that are
     named.
 

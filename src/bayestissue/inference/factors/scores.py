@@ -20,7 +20,7 @@ from jax import Array
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Float, Int
 
-from bayestissue.base.padding import bucket
+from bayestissue.base.impact_arrays import bucket
 from bayestissue.inference.execution.compiling import by_row, in_parts
 from bayestissue.inference.factors.conditional import conditional_priors, log_evidence
 from bayestissue.model.hierarchy.design import Design

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bayestissue.base.array_types import PerImpact
 from bayestissue.base.errors import Coded, by_impact, codes_of
+from bayestissue.base.impact_arrays import PerImpact
 from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,
     ARCCOS,

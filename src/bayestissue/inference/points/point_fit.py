@@ -21,8 +21,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Num
 
-from bayestissue.base.array_types import JaxPerImpact, JaxPerSample, PerImpact, PerSample
-from bayestissue.base.padding import bucket
+from bayestissue.base.impact_arrays import JaxPerImpact, JaxPerSample, PerImpact, PerSample, bucket
 from bayestissue.inference.execution.compiling import FULLY, compiled_quickly, filled_up, in_parts
 from bayestissue.mechanics.oscillator import arccos_branch, from_differences, spring_damper
 from bayestissue.model.likelihood.arma21 import FILLED

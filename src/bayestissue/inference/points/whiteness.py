@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from bayestissue.base.array_types import PerImpact
+from bayestissue.base.impact_arrays import PerImpact
 from bayestissue.inference.execution.compiling import in_parts
 
 LAGS = 10

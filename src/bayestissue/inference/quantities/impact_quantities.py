@@ -16,7 +16,7 @@ from jax import Array
 from jaxtyping import Bool, Float
 from scipy.constants import g as standard_gravity
 
-from bayestissue.base.array_types import JaxPerImpact, JaxPerSample
+from bayestissue.base.impact_arrays import JaxPerImpact, JaxPerSample
 from bayestissue.base.outcome_table import HEADFORM_OUTCOMES, MEASURED
 from bayestissue.inference.quantities.whole import (
     Whole,

@@ -20,9 +20,15 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.infer import Predictive
 
-from bayestissue.base.array_types import JaxPerImpact, JaxPerParameter, JaxPerSample, PerDraw
+from bayestissue.base.impact_arrays import (
+    JaxPerImpact,
+    JaxPerParameter,
+    JaxPerSample,
+    PerDraw,
+    padded_impacts,
+    padded_rows,
+)
 from bayestissue.base.outcome_table import HEADFORM_OUTCOMES, OUTCOMES
-from bayestissue.base.padding import padded_impacts, padded_rows
 from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly, padded
 from bayestissue.inference.execution.kept import all_kept, some_impacts
@@ -353,7 +359,7 @@ def replicates(
 def _replicates(
     model: TraceModel, data: TraceData, u: JaxPerParameter, key: Array
 ) -> dict[str, JaxPerSample]:
-    """The same with as many samples as a `bayestissue.base.padding.bucket` holds."""
+    """The same with as many samples as a `bayestissue.base.impact_arrays.bucket` holds."""
     replicate = trace_likelihood(model, data, list(u.T)).replicate(key)
     # Else the noise is made anew for every part of the row that is written: three times as long.
     return jax.lax.optimization_barrier(replicate)

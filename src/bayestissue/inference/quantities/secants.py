@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.base.array_types import PerDraw
+from bayestissue.base.impact_arrays import PerDraw
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.quantities.impact_quantities import COMMON_DEPTH
 from bayestissue.inference.quantities.quantity_draws import Draws

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.base.array_types import JaxPerImpact, JaxPerSample
+from bayestissue.base.impact_arrays import JaxPerImpact, JaxPerSample
 from bayestissue.mechanics.elements.element import REFERENCE_DIAMETER_M, Element, Parameters
 from bayestissue.model.likelihood.impact import MeasuredImpact
 from bayestissue.model.likelihood.response import motion

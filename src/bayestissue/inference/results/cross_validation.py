@@ -16,8 +16,8 @@ import xarray as xr
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from bayestissue.base.array_types import PerDraw
 from bayestissue.base.errors import Coded
+from bayestissue.base.impact_arrays import PerDraw
 from bayestissue.base.results.tables import joined
 from bayestissue.inference.samplers.sampling import effective_size, elements_of, k_threshold
 

@@ -25,7 +25,7 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.base.array_types import JaxPerParameter, PerParameter
+from bayestissue.base.impact_arrays import JaxPerParameter, PerParameter
 from bayestissue.base.results.tables import joined, table_of_rows
 from bayestissue.inference.execution.compiling import compiled_quickly, padded
 from bayestissue.inference.execution.kept import some_of

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from bayestissue.base.array_types import MaskPerImpact, PerImpact
 from bayestissue.base.errors import Coded, InputError
+from bayestissue.base.impact_arrays import MaskPerImpact, PerImpact
 from bayestissue.base.outcome_table import DECLARED, INTERVAL_COLUMNS
 from bayestissue.base.resources import shared
 from bayestissue.base.result import Say, silent

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from scipy.special import ndtr, softmax
 from scipy.stats import chi2, norm, qmc
 
-from bayestissue.base.array_types import (
+from bayestissue.base.impact_arrays import (
     JaxPerParameter,
     JaxPerSample,
     MaskPerImpact,

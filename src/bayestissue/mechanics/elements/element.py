@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from bayestissue.base.array_types import JaxPerImpact
+from bayestissue.base.impact_arrays import JaxPerImpact
 
 # The middle one of the thesis's three wooden balls.
 REFERENCE_DIAMETER_M = 0.0318

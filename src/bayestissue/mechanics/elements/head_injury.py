@@ -17,7 +17,7 @@ from jax import Array
 from jaxtyping import Float
 from scipy.constants import g as standard_gravity
 
-from bayestissue.base.array_types import JaxPerImpact
+from bayestissue.base.impact_arrays import JaxPerImpact
 from bayestissue.mechanics.elements import linear, solver
 from bayestissue.mechanics.elements.element import Collision
 

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.base.array_types import JaxPerImpact
+from bayestissue.base.impact_arrays import JaxPerImpact
 from bayestissue.mechanics.elements.element import GRAVITY, Collision
 
 # (1/2)^14 / 14! is below rounding, and 2^40 times rounding is all that could be asked for.

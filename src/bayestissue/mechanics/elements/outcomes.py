@@ -12,7 +12,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 from scipy.constants import g as standard_gravity
 
-from bayestissue.base.array_types import JaxPerImpact
+from bayestissue.base.impact_arrays import JaxPerImpact
 from bayestissue.base.outcome_table import OUTCOMES
 from bayestissue.mechanics.elements.element import GRAVITY, Collision, Element, Outcomes, Parameters
 from bayestissue.mechanics.elements.head_injury import SEARCH, head_injury, pulse_of

@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.base.array_types import JaxPerImpact
+from bayestissue.base.impact_arrays import JaxPerImpact
 from bayestissue.mechanics.elements.element import Collision
 
 # At least so many steps over a trace, where it has as many samples.

@@ -16,7 +16,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from bayestissue.base.array_types import JaxPerImpact, JaxPerSample
+from bayestissue.base.impact_arrays import JaxPerImpact, JaxPerSample
 from bayestissue.mechanics.elements import linear, solver
 from bayestissue.mechanics.elements.element import Collision, Element, Parameters
 from bayestissue.mechanics.elements.library import element as named

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.base.array_types import IndexPerImpact, PerImpact
 from bayestissue.base.declarations import sentences
 from bayestissue.base.errors import Coded
+from bayestissue.base.impact_arrays import IndexPerImpact, PerImpact
 from bayestissue.mechanics.elements import element
 from bayestissue.model.hierarchy.recorder_noise import low_pass_of, recorded_noise
 from bayestissue.model.likelihood.record import ForceRows, chosen_impacts

@@ -27,7 +27,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.base.array_types import PerDraw
+from bayestissue.base.impact_arrays import PerDraw
 from bayestissue.model.hierarchy.formulas.formula import categories_of_numbers, reference_row
 from bayestissue.model.hierarchy.formulas.group_terms import GroupTerm, common_coefficient, grouping_of
 from bayestissue.model.hierarchy.recorded import Condition, Recorded, ResponseFormula, label_of

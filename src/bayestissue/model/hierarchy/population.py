@@ -18,8 +18,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from bayestissue.base.array_types import IndexPerImpact, PerImpact
-from bayestissue.base.padding import bucket
+from bayestissue.base.impact_arrays import IndexPerImpact, PerImpact, bucket
 from bayestissue.model.hierarchy.design import Design, ResponseDesign
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
 from bayestissue.model.hierarchy.gaussian.effects import Covariances

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from bayestissue.base.array_types import IndexPerImpact, PerImpact
+from bayestissue.base.impact_arrays import IndexPerImpact, PerImpact
 
 # Standard deviations of a normal distribution from the middle of its 90 % interval to either end.
 HALF_WIDTH = float(norm.ppf(0.95))

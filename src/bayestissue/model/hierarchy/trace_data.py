@@ -15,8 +15,8 @@ import pandas as pd
 from jaxtyping import Float
 from numpyro.infer.reparam import LocScaleReparam
 
-from bayestissue.base.array_types import IndexPerImpact
 from bayestissue.base.errors import InputError, Problem, along_with
+from bayestissue.base.impact_arrays import IndexPerImpact
 from bayestissue.mechanics.elements import element
 from bayestissue.mechanics.elements.element import GRAVITY, REFERENCE_DIAMETER_M, Element
 from bayestissue.model.hierarchy import SIDE_BY_SIDE

@@ -21,8 +21,7 @@ from jaxtyping import Float, Int
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import AffineTransform, ComposeTransform, SoftplusTransform
 
-from bayestissue.base.array_types import JaxPerImpact
-from bayestissue.base.padding import padded_rows
+from bayestissue.base.impact_arrays import JaxPerImpact, padded_rows
 from bayestissue.mechanics.elements import element as element_named
 from bayestissue.model.hierarchy import SIDE_BY_SIDE
 from bayestissue.model.hierarchy.gaussian.arrangement import PopulationDesign, expected

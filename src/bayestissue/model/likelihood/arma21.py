@@ -19,7 +19,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 from scipy import fft
 
-from bayestissue.base.array_types import IndexPerImpact, PerSample
+from bayestissue.base.impact_arrays import IndexPerImpact, PerSample
 from bayestissue.mechanics.entire import sinc_root
 from bayestissue.model.likelihood.small import LOG_2PI
 

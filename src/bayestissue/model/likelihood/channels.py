@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float
 
-from bayestissue.base.array_types import JaxPerImpact, JaxPerParameter
+from bayestissue.base.impact_arrays import JaxPerImpact, JaxPerParameter
 from bayestissue.model.likelihood.linear_errors import Errors, Products, draw_errors, marginal_log_likelihood
 
 

@@ -32,7 +32,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
 
-from bayestissue.base.array_types import JaxPerImpact
+from bayestissue.base.impact_arrays import JaxPerImpact
 from bayestissue.mechanics.elements import Element
 from bayestissue.mechanics.entire import horner
 from bayestissue.model.likelihood.arma21 import sums_over_frequencies

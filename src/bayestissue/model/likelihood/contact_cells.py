@@ -27,7 +27,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.base.array_types import JaxPerImpact
+from bayestissue.base.impact_arrays import JaxPerImpact
 from bayestissue.model.likelihood.channels import SensorTrace
 from bayestissue.model.likelihood.linear_errors import Products
 from bayestissue.model.likelihood.noise import TraceNoise, filtered, products, products_under

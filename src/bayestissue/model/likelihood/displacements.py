@@ -19,8 +19,15 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.base.array_types import IndexPerImpact, JaxPerImpact, JaxPerSample, PerImpact, PerSample
-from bayestissue.base.padding import bucket, padded_zeros
+from bayestissue.base.impact_arrays import (
+    IndexPerImpact,
+    JaxPerImpact,
+    JaxPerSample,
+    PerImpact,
+    PerSample,
+    bucket,
+    padded_zeros,
+)
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.mechanics.oscillator import to_differences
 from bayestissue.model.likelihood import small

@@ -20,7 +20,7 @@ from jax import Array
 from jax.scipy.special import log_ndtr
 from jaxtyping import Float
 
-from bayestissue.base.array_types import JaxPerImpact, JaxPerSample
+from bayestissue.base.impact_arrays import JaxPerImpact, JaxPerSample
 from bayestissue.mechanics.elements import Element
 from bayestissue.mechanics.elements.element import Collision
 from bayestissue.model.likelihood import contact_cells, noise, small

@@ -17,7 +17,7 @@ from jax import Array
 from jax.scipy.special import log_ndtr
 from jaxtyping import Bool, Float
 
-from bayestissue.base.array_types import JaxPerImpact
+from bayestissue.base.impact_arrays import JaxPerImpact
 from bayestissue.model.likelihood import small
 
 _LOG_ROOT_HALF_PI = 0.22579135264472744

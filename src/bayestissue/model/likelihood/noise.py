@@ -30,8 +30,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_toeplitz, toeplitz
 
-from bayestissue.base.array_types import IndexPerImpact, JaxPerImpact, PerSample
-from bayestissue.base.padding import bucket
+from bayestissue.base.impact_arrays import IndexPerImpact, JaxPerImpact, PerSample, bucket
 from bayestissue.model.likelihood.channels import SensorTrace
 from bayestissue.model.likelihood.linear_errors import Products
 from bayestissue.model.likelihood.record import Discrepancy

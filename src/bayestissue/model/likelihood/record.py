@@ -14,8 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.base.array_types import IndexPerImpact, JaxPerImpact, JaxPerSample, PerImpact
-from bayestissue.base.padding import padded_zeros
+from bayestissue.base.impact_arrays import IndexPerImpact, JaxPerImpact, JaxPerSample, PerImpact, padded_zeros
 from bayestissue.mechanics.elements.element import GRAVITY
 from bayestissue.model.likelihood.linear_errors import part_of
 from bayestissue.model.likelihood.recorder import Colour, LowPass

@@ -21,7 +21,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Complex, Float
 
-from bayestissue.base.array_types import JaxPerImpact, JaxPerSample
+from bayestissue.base.impact_arrays import JaxPerImpact, JaxPerSample
 
 # Of Gauss and Legendre's rule, exact to rounding for poles of many intervals.
 _NODES = 16

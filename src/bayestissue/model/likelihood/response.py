@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.base.array_types import JaxPerImpact, JaxPerSample
+from bayestissue.base.impact_arrays import JaxPerImpact, JaxPerSample
 from bayestissue.mechanics.elements import Element, linear, solver
 from bayestissue.mechanics.elements.element import GRAVITY, Collision
 from bayestissue.model.likelihood.record import Contact, DecelerationRecord, ForceRows

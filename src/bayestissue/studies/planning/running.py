@@ -16,8 +16,8 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.base.array_types import PerImpact
 from bayestissue.base.errors import InputError
+from bayestissue.base.impact_arrays import PerImpact
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.recordings.dataset import read_dataset

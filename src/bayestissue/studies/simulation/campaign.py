@@ -14,9 +14,8 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Bool, Float
 
-from bayestissue.base.array_types import JaxPerSample, PerImpact, PerSample
+from bayestissue.base.impact_arrays import JaxPerSample, PerImpact, PerSample, bucket
 from bayestissue.base.outcome_table import HEADFORM_COLUMNS
-from bayestissue.base.padding import bucket
 from bayestissue.base.results.tables import write_table
 from bayestissue.mechanics.elements import element, impact, outcomes
 from bayestissue.mechanics.elements.element import Collision

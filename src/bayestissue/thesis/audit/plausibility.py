@@ -17,7 +17,7 @@ from statsmodels.robust.norms import TukeyBiweight
 from statsmodels.robust.robust_linear_model import RLM
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
-from bayestissue.base.array_types import PerImpact
+from bayestissue.base.impact_arrays import PerImpact
 from bayestissue.mechanics.oscillator import peak_displacement, time_to_peak
 from bayestissue.recordings.dataset.published import PublishedTables
 from bayestissue.recordings.signal.integrals import trapezoids

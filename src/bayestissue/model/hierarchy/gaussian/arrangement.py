@@ -25,8 +25,7 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from bayestissue.base.array_types import IndexPerImpact
-from bayestissue.base.padding import bucket
+from bayestissue.base.impact_arrays import IndexPerImpact, bucket
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 
 
