@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.base.results.tables import ResultFile, declared_files
-from bayestissue.inference.answers.reliability import Variances, as_variables, coefficients
+from bayestissue.inference.answers.reliability import Variances, as_variables, coefficients_of
 from bayestissue.inference.results import labels
 from bayestissue.inference.results.labels import GROUPS, Variable
 from from_program.keys import unit
@@ -77,7 +77,7 @@ def _of_reliability() -> dict[str, Variable]:
     some = {name: rng.uniform(0.1, 0.2, (2, 3)) for name in ("people", "within", "impacts", "trial")}
     found = Variances(some["people"], 0.0, {"trial": (some["trial"], 3.0)}, {}, some["impacts"], 0.01, 3.0)
     draws = xr.Dataset({f"{q}_typical_person": (("chain", "draw"), some["within"]) for q in ("K", "C")})
-    labelled = as_variables(coefficients({"K": found, "C": found}, draws))
+    labelled = as_variables([one for q in ("K", "C") for one in coefficients_of(q, found, draws)])
     return {str(k): Variable(dict(v.attrs)) for k, v in labelled.items()}
 
 

@@ -236,8 +236,9 @@ def test_where_most_of_a_trial_do_not_tell_K_the_others_are_flagged(monkeypatch)
 
     def spoilt(prepared, _say):
         posteriors = real(prepared)
-        K = posteriors.K._replace(high=np.where(untold, 11 * posteriors.K.low, posteriors.K.high))
-        return posteriors._replace(K=K)
+        K = dict(posteriors.quantities["K"])
+        K["high"] = np.where(untold, 11 * K["low"], K["high"])
+        return posteriors._replace(quantities=posteriors.quantities | {"K": K})
 
     monkeypatch.setattr(single_estimates, "single_posteriors", spoilt)
     table = bt.estimate(data)

@@ -169,13 +169,14 @@ def coefficients(
     """
     of_all: list[Coefficient] = []
     for q, sd in measurement_sd.items():
-        of_all += _of_response(
+        of_all += coefficients_of(
             q, variances(draws, recorded, q, measurement_sd=sd, shared_sd=shared_sd), draws
         )
     return of_all
 
 
-def _of_response(q: str, variances: Variances, draws: xr.Dataset) -> Iterator[Coefficient]:
+def coefficients_of(q: str, variances: Variances, draws: xr.Dataset) -> Iterator[Coefficient]:
+    """Those of one response, by its variances in ``draws``."""
     typical = draws[f"{q}_typical_person"].to_numpy()
     forms_of_icc = ("C", "A") if (variances.people > 0).any() else ()
     varies = {form: tuple(variances.varying(form)) for form in FORMS}
