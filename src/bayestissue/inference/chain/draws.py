@@ -16,7 +16,6 @@ from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 from jaxtyping import Float
 
-from bayestissue.base import runtime
 from bayestissue.base.impact_arrays import padded_impacts
 from bayestissue.base.result import Say, silent
 from bayestissue.inference.chain.chain_settings import FIRST, ChainSettings
@@ -96,17 +95,14 @@ class ChainJob(NamedTuple):
 
     def chains(self, target: Target, settings: ChainSettings, tuning: Tuning, carried: list[Any]) -> Chains:
         """Its chains, which carry what is given on."""
-        keys = jax.random.split(jax.random.PRNGKey(self.seed), self.sampler.chains)
-        shared, advance, at_once = target.shared_out(), _advanced, runtime.cores()
-        if shared.shards > 1:
-            # Devices wait for one another: all have to begin the same chain.
-            target, advance, at_once = (
-                jax.device_get(shared),
-                _of_devices(Kernel(shared, settings, tuning)),
-                1,
-            )
-        of_run = keys, tuning, carried, self.checkpoints, at_once
-        return Chains(advance, target, settings, *of_run, progress=self.progress)
+        keys, folder = jax.random.split(jax.random.PRNGKey(self.seed), self.sampler.chains), self.checkpoints
+        chains = Chains(_advanced, target, settings, keys, tuning, carried, folder, progress=self.progress)
+        shared = target.shared_out()
+        if shared.shards == 1:
+            return chains
+        # Devices wait for one another: all have to begin the same chain.
+        advance = _of_devices(Kernel(shared, settings, tuning))
+        return replace(chains, advance=advance, target=jax.device_get(shared), at_once=1)
 
 
 def chain_draws(

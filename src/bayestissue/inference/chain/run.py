@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,7 +54,7 @@ class Chains:
         tuning: what they have learned.
         carried: what each chain carries.
         checkpoints: where finished segments are kept, if anywhere.
-        at_once: how many chains are computed at once, each in a thread.
+        at_once: how many chains are computed at once, each in a thread; None: as many as there are cores.
         number: of the next segment.
         progress: told the stage, how many segments are done, and of how many.
     """
@@ -66,7 +66,7 @@ class Chains:
     tuning: Any
     carried: list[Any]
     checkpoints: Path | None = None
-    at_once: int = field(default_factory=lambda: runtime.cores())
+    at_once: int | None = None
     number: int = 0
     progress: Say = silent
 

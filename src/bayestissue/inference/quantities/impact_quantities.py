@@ -255,5 +255,5 @@ def impact_quantities(impacts: Impacts) -> dict[str, Float[Array, "impact ..."]]
     # That of a gain which all impacts share is an error of each.
     log_gain, chain_error = impacts.model.named(impacts.u).get(GAIN), impacts.chain_error
     if log_gain is not None:
-        chain_error += impacts.data.record.of_gain(log_gain)
+        chain_error = chain_error + impacts.data.record.of_gain(log_gain)
     return known | further | {"parameters": jnp.stack(impacts.u, axis=-1), "chain_error": chain_error}

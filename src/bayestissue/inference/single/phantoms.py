@@ -119,14 +119,13 @@ def _reference(dataset: Dataset, phantoms: Dataset) -> Reference:
     stiffness, sd = (table[name].to_numpy(float)[stands] for name in REFERENCE)
     difference = np.log(stiffness / table["K_N_per_m"].to_numpy()[stands])
     # A stiffness of another unit is refused.
+    where = "reference-unfit.far", dataset.table, None, REFERENCE[0]
+    log_factors = {known: float(np.median(difference[stiffness == known])) for known in np.unique(stiffness)}
     refuse(
-        Problem.stated(
-            "reference-unfit.far", dataset.table, None, REFERENCE[0], known, estimate=known / factor,
-            factor=max(factor, 1 / factor),
-        )
-        for known in np.unique(stiffness)
-        if abs(np.log(factor := float(np.exp(np.median(difference[stiffness == known]))))) > np.log(_FAR)
-    )  # fmt: skip
+        Problem.stated(*where, known, estimate=known / np.exp(log), factor=np.exp(abs(log)))
+        for known, log in log_factors.items()
+        if abs(log) > np.log(_FAR)
+    )
     kinds = pd.Series(list(zip(stiffness, sd, strict=True))).factorize()[0]
     individual = np.maximum(variance[stands] - common, of_exact[stands] / 4)
     by_phantoms = mass_factor(difference, individual, common, sd / stiffness, kinds)

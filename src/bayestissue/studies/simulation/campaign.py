@@ -47,7 +47,7 @@ _BLOCK = 1_000_000
 # Steps of the motion between two samples of a recorder with a low-pass, or in a period of its corner, and
 # time constants of the filter's slowest pole until it rests.
 _FINER, _AT_REST = 64, 25.0
-# PerSample of noise before a filter in a period of its corner, at the least.
+# Samples of noise before a filter in a period of its corner, at the least.
 _NOISE_FINER = 8
 # A soft damper in series with the spring lets a mass creep for ever: it is recorded for so long.
 _NEVER_RESTS_S = 1.0
