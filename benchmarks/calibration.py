@@ -37,7 +37,8 @@ from evidence import measure
 from evidence.simulations import tables
 from numpyro.infer import Predictive
 
-from bayestissue.inference.fit import draws_of_chain, sample
+from bayestissue.inference.fit import sample
+from bayestissue.inference.quantities.quantity_draws import posterior_draws
 from bayestissue.model.hierarchy.specification import Sampler, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
 from bayestissue.model.hierarchy.trace_models import TraceData, impacts_model, trace_likelihood
@@ -131,7 +132,7 @@ def ranks_of_one(kind: str, number: int) -> dict[str, float]:
     drawn = {name: np.asarray(value[0]) for name, value in draw(key, base.data).items()}
     prepared = with_traces(base, drawn["trace"])
     chains = sample(prepared, SAMPLER, number)
-    found = draws_of_chain(prepared, chains.thinned(SAMPLER.draws), number)
+    found = posterior_draws(prepared, chains.thinned(SAMPLER.draws), number)
     truth = {name: drawn[name] for name in model.hyperparameters}
     posterior = {name: found.population[name] for name in model.hyperparameters}
     for name in ("intercept_K", "intercept_C", "mass_exponent_K", "mass_exponent_C", *groups):

@@ -403,8 +403,8 @@ class Studies:
         self._kind, trial = kind, TRIALS[kind]
         self._base = base = blank(kind, trial["people"], **trial["design"])
         self._draw, self._sample = drawing(base), jax.jit(jax.vmap(self._chain))
-        drawn, _ = drawn_from_prior(base.model, base.data, jax.random.PRNGKey(SEED))
-        self._prior = self._labelled(drawn, drawn.pop("locations"), np.random.default_rng(SEED))
+        (drawn, b), _ = drawn_from_prior(base.model, base.data, jax.random.PRNGKey(SEED))
+        self._prior = self._labelled(drawn, b, np.random.default_rng(SEED))
         zeros = np.zeros((len(base.impacts), 3))
         sites = GaussianFactor(zeros, zeros, np.broadcast_to(np.eye(3), (len(zeros), 3, 3)), zeros[:, 0])
         self._cells = sites_by_cell(base.data, sites)

@@ -103,7 +103,7 @@ def moving_mass(number: int) -> dict[str, Any]:
         uncertainty=declared("moving_mass", velocity_sd_m_s=velocity * sd)
     )
     fit = fitted(dataset, number, {"like": "moving_mass"})
-    of_prior = prior_draws(fit.prepared, number, np.random.default_rng(number))
+    of_prior = prior_draws(fit.prepared, number)
     account = judge_added_mass(fit.prepared, fit.posterior, of_draws(fit.prepared, of_prior, number))
     row = sides(of_impacts(kind, fit, made.truth, "K", "C", "moving_mass_kg"))
     return row | {"passed": fit.passed, "kind": kind, "told": account["passed"]}

@@ -29,7 +29,8 @@ from plain_hierarchy import check_density, cholesky_factor, plain
 from bayestissue.base.resources import shared
 from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.fit import draws_of_chain, sample
+from bayestissue.inference.fit import sample
+from bayestissue.inference.quantities.quantity_draws import posterior_draws
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.model.hierarchy.trace_data import Prepared, prepare
@@ -72,7 +73,7 @@ class Bench:
         """A fit's draws, what is reported of them, and the time that they took."""
         begin = clocks()
         found = sample(self.prepared, self.specification.sampler, SEED)
-        draws, model = draws_of_chain(self.prepared, found, SEED), self.prepared.model
+        draws, model = posterior_draws(self.prepared, found, SEED), self.prepared.model
         parts = {name: draws.population[name] for name in (*model.hyperparameters, *model.locations.parts)}
         return found, parts | {name: np.log(draws.impacts[name]) for name in ("K", "C")}, clocks() - begin
 

@@ -31,7 +31,8 @@ import bayestissue as bt
 from bayestissue.base import runtime
 from bayestissue.base.resources import shared
 from bayestissue.inference.factors.expansions import expanded
-from bayestissue.inference.fit import draws_of_chain, sample
+from bayestissue.inference.fit import sample
+from bayestissue.inference.quantities.quantity_draws import posterior_draws
 from bayestissue.inference.results.summary import summarise
 from bayestissue.model.hierarchy.specification import ModelSpecification
 from bayestissue.model.hierarchy.trace_data import Prepared, named_model, prepare
@@ -121,7 +122,7 @@ def compared(case: str) -> pd.DataFrame:
     """What a fit of a case gives, less the reference, and the Monte Carlo error of the difference."""
     dataset, specification = case_of(case)
     prepared, sampler = prepare(dataset, specification, source="the model file"), specification.sampler
-    draws = draws_of_chain(prepared, sample(prepared, sampler, SEED).thinned(sampler.draws), SEED)
+    draws = posterior_draws(prepared, sample(prepared, sampler, SEED).thinned(sampler.draws), SEED)
     summary = summarise(of_draws(prepared, draws, SEED))
     keys = ["variable", "label"]
     reference = pd.read_csv(TABLE, dtype={"label": str}).fillna({"label": ""}).query("case == @case")

@@ -17,8 +17,8 @@ from evidence.simulations import tables
 
 import bayestissue as bt
 from bayestissue.base import runtime
-from bayestissue.inference.fit import draws_of_chain, sample
-from bayestissue.inference.quantities.quantity_draws import Draws, predicted, quantities
+from bayestissue.inference.fit import sample
+from bayestissue.inference.quantities.quantity_draws import Draws, posterior_draws, predicted, quantities
 from bayestissue.inference.results.labels import design_variables, labelled
 from bayestissue.inference.single.phantoms import prepare_without_phantoms
 from bayestissue.model.hierarchy.specification import (
@@ -80,7 +80,7 @@ def fitted(dataset: bt.Dataset, seed: int, model: Mapping[str, Any] | None = Non
     sampler = specification.sampler.model_copy(update=SAMPLER)
     _, prepared = prepare_without_phantoms(dataset, specification, source=source)
     chains = sample(prepared, sampler, seed)
-    draws = draws_of_chain(prepared, chains.thinned(sampler.draws), seed)
+    draws = posterior_draws(prepared, chains.thinned(sampler.draws), seed)
     return Fitted(prepared, of_draws(prepared, draws, seed), chains.verdict.passed)
 
 
@@ -102,7 +102,8 @@ class Fits:
         runtime.release_compiled()
         sampler = self._specification.sampler
         chains = sample(prepared, sampler, seed)
-        return draws_of_chain(prepared, chains.thinned(min(KEPT, sampler.draws)), seed), chains.verdict.passed
+        kept = chains.thinned(min(KEPT, sampler.draws))
+        return posterior_draws(prepared, kept, seed), chains.verdict.passed
 
 
 def filled_up(signal: Displacements, least: int = 0) -> Displacements:

@@ -31,7 +31,7 @@ def test_a_fit_ends_when_more_draws_would_not_mend_its_verdict(monkeypatch, draw
         return SimpleNamespace(diagnostics={"passed": False, "checks": checks}, number=chains.number)
 
     monkeypatch.setattr(fit, "samples", lambda *_, **__: iter(runs))
-    monkeypatch.setattr(fit, "draws_of_chain", lambda *_: None)
+    monkeypatch.setattr(fit, "posterior_draws", lambda *_: None)
     monkeypatch.setattr(fit, "label", label)
     sampler = Sampler(draws=draws, effective=effective)
     specification = ModelSpecification(name="impact", likelihood="impact", sampler=sampler)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import jax
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -29,10 +28,9 @@ from bayestissue.inference.chain.results import ChainDraws, ChainEnd
 from bayestissue.inference.checking.formula_checks import pooled_parameters, straight_lines
 from bayestissue.inference.checking.mass_checks import judge_added_mass
 from bayestissue.inference.checking.model_form import described, model_form, stated, with_impacts
-from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
+from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.expansions import expanded
 from bayestissue.inference.factors.noise_left import noise_p, noise_p_of_both
-from bayestissue.inference.factors.scores import log_densities
 from bayestissue.inference.quantities.impact_quantities import COMMON_DEPTH
 from bayestissue.inference.quantities.quantity_draws import Draws, posterior_draws
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
@@ -91,7 +89,7 @@ def fit_traces(
     for chains in samples(job, beginning):
         thin = chains.thinned(settings.draws)
         job.progress("predicting", 0, 1)
-        analysis = label(job, specification, draws_of_chain(job.prepared, thin, job.seed), thin)
+        analysis = label(job, specification, posterior_draws(job.prepared, thin, job.seed), thin)
         thinned = thin.shape != chains.shape
         if not more_would_help(analysis.diagnostics, thinned=thinned, effective=settings.effective):
             break
@@ -114,18 +112,6 @@ def samples(job: ChainJob, beginning: Beginning = None) -> Iterator[ChainDraws]:
         finding = partial(job.progress, "looking for other explanations of each trace")
         beginning = explanations(job.prepared, beginning or expanded(job.prepared), finding)
     return chain_draws(job, beginning)
-
-
-def draws_of_chain(prepared: Prepared, chains: ChainDraws, seed: int) -> Draws:
-    """Everything that the chain's draws stand for."""
-    count = len(prepared.impacts)
-    chosen = kept_draws(chains.shape[0], len(chains.impact_draws), count)
-    numbers = chains.impact_draws[chosen]
-    rows = some_impacts(count)
-    scores = log_densities(prepared, chains.sites, chains.population, chains.log_ratios, rows)
-    key = jax.random.PRNGKey(seed)
-    drawn = posterior_draws(prepared, chains.population, chains.u[:, chosen], numbers, key)
-    return replace(drawn, log_likelihood=scores)
 
 
 def label(

@@ -20,6 +20,7 @@ from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
 from bayestissue.inference.factors.expansions import first_guess
 from bayestissue.inference.factors.sites import log_likelihoods
+from bayestissue.inference.quantities.quantity_draws import posterior_draws
 from bayestissue.inference.results.summary import summarise
 from bayestissue.model.hierarchy.gaussian.arrangement import arrange
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
@@ -131,7 +132,7 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(dozen, mo
     monkeypatch.setattr(trace_blocks, "BLOCK", 5)
     monkeypatch.setattr(many_kept, "FEW", 11)
     monkeypatch.setattr(many_kept, "MOST_PAIRS", 1)
-    found = traces.draws_of_chain(made, chains, 1)
+    found = posterior_draws(made, chains, 1)
     assert list(found.kept_numbers) == list(range(0, 40, 4))
     error = (np.log(found.impacts["mass"]) - np.asarray(made.data.log_mass)).reshape(20, -1)
     own = error[:, [np.flatnonzero(made.design.subject == s)[0] for s in range(3)]]
@@ -166,7 +167,7 @@ def test_of_many_impacts_some_begin_and_some_draws_are_kept(dozen, monkeypatch) 
     # Seven digits of u, over slopes of some hundred.
     kept = chains.log_ratios["impact"][:, chains.impact_draws]
     np.testing.assert_allclose(ratio[..., many_kept.some_impacts(12)], kept, atol=1e-2)
-    found = traces.draws_of_chain(made, chains, 1)
+    found = posterior_draws(made, chains, 1)
     np.testing.assert_array_equal(found.kept_numbers, chains.impact_draws)
     assert all(np.isfinite(values).all() for values in found.log_likelihood.values())
 

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpyro.distributions import biject_to
 
-from bayestissue.inference.fit import draws_of_chain
+from bayestissue.inference.quantities.quantity_draws import posterior_draws, prior_draws
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.specification import MassError
 from bayestissue.model.hierarchy.trace_data import Prepared
@@ -55,7 +55,7 @@ def drawn(made: Prepared, told: GaussianFactor) -> dict[str, np.ndarray]:
     inverse = {name: biject_to(made.model.prior_of(name).support).inv for name in made.model.hyperparameters}
     y = np.array([float(inverse[name](SPREADS[name])) for name in made.model.hyperparameters])
     chains = chain_of_sites(made, told, np.tile(y, (1, DRAWS, 1)), np.random.default_rng(2))
-    found = draws_of_chain(made, chains, 3)
+    found = posterior_draws(made, chains, 3)
     people = {
         q: (found.population[f"intercept_{q}"][..., None] + found.population[f"subject_effect_{q}"])[0]
         for q in "KC"
@@ -81,3 +81,19 @@ def test_one_error_of_all_masses_moves_all_alike_and_is_as_wide_as_declared() ->
     exact = drawn(replace(made, common_mass_sd=0.0), told)
     for name in ("K", "C", "log K"):
         assert_allclose(found[name] - error[:, :1], exact[name], atol=1e-12)
+
+
+def test_before_anything_is_recorded_an_error_of_its_mass_does_not_widen_an_impact() -> None:
+    made = prepared("impact")
+    prior = prior_draws(made, 1)
+    mass = np.log(prior.impacts["mass"]) - np.asarray(made.data.log_mass)
+    number, design = mass.size, made.design
+    assert mass.std() == pytest.approx(RELATIVE_SD, rel=4 / np.sqrt(2 * number))
+    expected = prior.population["intercept_K"][..., None] + sum(
+        prior.population[f"{name}_effect_K"][..., grouping.code]
+        for name, grouping in design.groupings.items()
+    )
+    standard = (np.log(prior.impacts["K"]) - expected) / prior.population["sd_impact_K"][..., None]
+    assert standard.std() == pytest.approx(1.0, rel=4 / np.sqrt(2 * number))
+    # The mass errs whatever its impact's stiffness is.
+    assert np.corrcoef(mass.ravel(), standard.ravel())[0, 1] == pytest.approx(0.0, abs=4 / np.sqrt(number))

@@ -7,9 +7,8 @@ and replicates of every trace.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -17,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from numpyro.infer import Predictive
 
 from bayestissue.base.impact_arrays import (
@@ -25,13 +24,14 @@ from bayestissue.base.impact_arrays import (
     JaxPerParameter,
     JaxPerSample,
     PerDraw,
-    padded_impacts,
     padded_rows,
 )
 from bayestissue.base.outcome_table import HEADFORM_OUTCOMES, OUTCOMES
+from bayestissue.inference.chain.results import ChainDraws
 from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.execution.compiling import by_row, compiled_quickly, padded
-from bayestissue.inference.execution.kept import all_kept, some_impacts
+from bayestissue.inference.execution.kept import all_kept, kept_draws, some_impacts
+from bayestissue.inference.factors.scores import log_densities
 from bayestissue.inference.quantities.impact_quantities import (
     NAMES,
     Impacts,
@@ -57,8 +57,6 @@ PREDICTIVE_DRAWS, PRIOR_PREDICTIVE_DRAWS = 100, 50
 _STEPS = 64
 # Below every digit of a double: nothing is rounded.
 _NO_NOISE = 2.0**-80
-# Of the rows of a block and its impacts' parameters: the errors of log mass, and a key of each draw.
-ErrorsAndKeys = Callable[[np.ndarray, np.ndarray], tuple[Any, Any]]
 
 
 @dataclass(frozen=True)
@@ -80,78 +78,53 @@ class Draws:
     kept_numbers: np.ndarray | None = None
 
 
-def posterior_draws(
-    prepared: Prepared,
-    population: Population,
-    u: Float[np.ndarray, "chain kept impact parameter"],
-    kept_numbers: Int[np.ndarray, " kept"],
-    key: Array,
-) -> Draws:
-    """Everything that draws of the population and of impacts' parameters stand for.
+def posterior_draws(prepared: Prepared, chains: ChainDraws, seed: int) -> Draws:
+    """Everything that the draws of a fit's chains stand for, its scores too.
 
     Args:
         prepared: the fit.
-        population: all draws, [chain, draw, ...].
-        u: parameters of every impact, of the draws that are kept.
-        kept_numbers: of the draws of each chain that are kept of impacts.
-        key: of what is drawn besides: the measuring chain's errors, and those of mass.
+        chains: its draws.
+        seed: of what is drawn besides: the measuring chain's errors, and those of mass.
     """
-    model, design, shape = prepared.model, prepared.data.design, population.b.shape[:2]
-    cell, whole = np.asarray(design.cell), all_kept(len(prepared.impacts))
+    count = len(prepared.impacts)
+    chosen = kept_draws(chains.shape[0], len(chains.impact_draws), count)
+    numbers, rows, key = chains.impact_draws[chosen], some_impacts(count), jax.random.PRNGKey(seed)
+    scores = log_densities(prepared, chains.sites, chains.population, chains.log_ratios, rows)
     # In numpy: jax compiles each step of choosing some of them anew for every number of draws.
-    keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), shape))
-    of_kept, keys_of_kept = jax.tree.map(lambda values: values[:, kept_numbers], (population, keys))
-    log_factor = common_log_factor(prepared, population, key)
-
-    def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
-        of_block = _each(partial(jax.random.fold_in, data=rows[0]), keys_of_kept)
-        of_errors, of_mass = np.moveaxis(_each(jax.random.split, of_block), 2, 0)
-        if log_factor is not None:
-            errors = np.broadcast_to(log_factor[:, kept_numbers, None], u.shape[:-1])
-            if prepared.force and prepared.force.share:
-                # What an impact's own mass errs by besides, by a force's ratio to its mean.
-                errors = errors + u[..., -1] - of_kept.b[..., force_ratio(model.locations)][..., None]
-            return errors, of_errors
-        # Of the design X b of these impacts is asked alone.
-        of_rows = design._replace(cell=cell[rows[padded_rows(len(rows))]])
-        error = mass_errors(model, of_rows, of_kept, padded_impacts(u, 2), of_mass)
-        return error[:, :, : len(rows)], of_errors
-
-    impacts = _of_impacts(prepared, u, errors_and_keys, recorded=True, single=not whole)
-    b, factor = population.b, dict[str, np.ndarray]()
-    if log_factor is not None:
-        log_gain = b[..., force_ratio(model.locations)] - log_factor if prepared.force else None
-        b, factor = with_common_factor(prepared, b, log_factor, log_gain)
-    effects = derived.effects_by_name(model.locations, prepared.design, b)
-    numbers = None if whole else kept_numbers
-    return Draws(population.hyperparameters | effects | factor, impacts, kept_numbers=numbers)
+    keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), chains.shape))
+    logs = common_logs(prepared, chains.population.b, jax.random.fold_in(key, 12), recorded=True)
+    of_kept, keys, of_impacts = jax.tree.map(lambda v: v[:, numbers], (chains.population, keys, logs))
+    whole, at_hand = all_kept(count), (of_kept, chains.u[:, chosen], of_impacts, keys)
+    impacts = _of_impacts(prepared, *at_hand, recorded=True, single=not whole)
+    named = population_by_name(prepared, chains.population, logs)
+    return Draws(named, impacts, scores, None if whole else numbers)
 
 
-def prior_draws(prepared: Prepared, seed: int, rng: np.random.Generator, *, single: bool = False) -> Draws:
+def prior_draws(prepared: Prepared, seed: int, *, single: bool = False) -> Draws:
     """The same as the priors alone have it, of one chain; of impacts in ``single`` precision if so."""
-    model, data = prepared.model, prepared.data
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
-    drawn, u = drawn_from_prior(model, data, key)
-    factor: dict[str, np.ndarray] = {}
-    if model.locations.of_shared_masses:
-        error = np.asarray(shared_mass_errors(model.locations, data.design, jnp.asarray(drawn["locations"])))
-    elif (common_sd := declared_common_sd(prepared)) is not None:
-        error = np.broadcast_to(common_sd * rng.standard_normal(u.shape[:2])[..., None], u.shape[:-1])
-        standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 2), u.shape[:2]))
-        log_gain = prepared.force.gain_sd * standard if prepared.force else None
-        drawn["locations"], factor = with_common_factor(prepared, drawn["locations"], error[..., 0], log_gain)
-    else:
-        error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
+    population, u = drawn_from_prior(prepared.model, prepared.data, key)
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 1), u.shape[:2]))
-
-    def errors_and_keys(rows: np.ndarray, u: np.ndarray) -> tuple[Any, Any]:
-        return error[:, :, rows], keys
-
-    impacts = _of_impacts(prepared, u, errors_and_keys, recorded=False, single=single)
+    logs = common_logs(prepared, population.b, jax.random.fold_in(key, 2), recorded=False)
+    impacts = _of_impacts(prepared, population, u, logs, keys, recorded=False, single=single)
     # The measuring chain's errors are as the dataset states them.
     impacts.pop("chain_error")
-    effects = derived.effects_by_name(model.locations, prepared.design, drawn["locations"])
-    return Draws({name: drawn[name] for name in model.hyperparameters} | effects | factor, impacts)
+    return Draws(population_by_name(prepared, population, logs), impacts)
+
+
+def population_by_name(
+    prepared: Prepared, population: Population, logs: Mapping[str, PerDraw]
+) -> dict[str, np.ndarray]:
+    """Hyperparameters, effects at the true masses, and the factors whose ``logs`` `common_logs` has.
+
+    K, C and any mass of the element go with all masses.
+    """
+    model, b = prepared.model, population.b
+    if logs:
+        b = heavier(model.locations, b, logs[MASS_FACTOR], in_proportion_to_mass(model.element))
+    factors = {name: np.exp(values) for name, values in logs.items()}
+    effects = derived.effects_by_name(model.locations, prepared.design, b)
+    return population.hyperparameters | effects | factors
 
 
 def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -171,45 +144,74 @@ def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> di
     return values | derived.new_impact(design, population, levels, rng)
 
 
-def _each(function: Callable[..., Array], keys: Any) -> np.ndarray:
-    """Of the key of each draw, [chain, draw, ...]."""
-    return np.asarray(jax.vmap(jax.vmap(function))(keys))
-
-
 def _of_impacts(
     prepared: Prepared,
+    population: Population,
     u: Float[np.ndarray, "chain draw impact parameter"],
-    errors_and_keys: ErrorsAndKeys,
+    logs: Mapping[str, PerDraw],
+    keys: np.ndarray,
     *,
     recorded: bool,
-    single: bool = False,
+    single: bool,
 ) -> dict[str, Float[np.ndarray, "chain draw impact ..."]]:
     """What `impact_quantities` has of every impact, block by block, in ``single`` precision if so."""
+    model, design, force = prepared.model, prepared.data.design, prepared.force
+    cell, ratio = np.asarray(design.cell), population.b[..., force_ratio(model.locations)]
 
-    def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
-        of_rows = u[:, :, rows]
-        errors = errors_and_keys(rows, of_rows)
-        drawn = drawn_impacts(prepared.model, part, recorded, of_rows, *errors)
+    def block(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
+        of_rows, error = u[:, :, rows], logs.get(MASS_FACTOR)
+        if error is not None:
+            error = np.broadcast_to(error[..., None], of_rows.shape[:-1])
+            if recorded and force and force.share:
+                # What an impact's own mass errs by besides, by a force's ratio to its mean.
+                error = error + of_rows[..., -1] - ratio[..., None]
+        # Of the design X b of these impacts is asked alone.
+        arranged = design._replace(cell=cell[rows[padded_rows(len(rows))]])
+        drawn = of_draw(model, part, arranged, recorded, rows[0], population, of_rows, error, keys)
         values = {name: np.moveaxis(array, 2, 0) for name, array in drawn.items()}
         # Half the memory.
         return {name: array.astype(np.float32) for name, array in values.items()} if single else values
 
-    drawn = map_impacts(one, prepared.data, np.arange(u.shape[2]))
+    drawn = map_impacts(block, prepared.data, np.arange(u.shape[2]))
     return {name: np.moveaxis(values, 0, 2) for name, values in drawn.items()}
 
 
-@padded(None, 2, 2, None)
-@by_row(DRAWS, constant=3, axes=2)
-def drawn_impacts(
+@padded(None, None, None, None, 2, 2, None)
+@by_row(DRAWS, constant=5, axes=2)
+def of_draw(
     model: TraceModel,
     data: TraceData,
+    design: PopulationDesign,
     recorded: bool,
+    first: int,
+    population: Population,
     u: JaxPerParameter,
-    mass_error: JaxPerImpact,
+    mass_error: JaxPerImpact | None,
     key: Array,
 ) -> dict[str, Float[Array, "impact ..."]]:
-    """Every impact's quantities, as what was recorded has them or the priors alone; compiled for both."""
-    return impact_quantities(Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(recorded)))
+    """Every quantity of the impacts of a block in one draw, as what was recorded has it or the priors alone.
+
+    Args:
+        model: what is assumed.
+        data: the recordings.
+        design: of these impacts.
+        recorded: whether it is given what was recorded.
+        first: number of the block's first impact, by which its random numbers differ from others'.
+        population: hyperparameters and effects.
+        u: the impacts' parameters, at the recorded masses.
+        mass_error: of their log masses, if it is that of all; else it is part of b, or drawn given u.
+        key: of the measuring chain's errors and of mass_error.
+    """
+    of_errors, of_mass = jax.random.split(jax.random.fold_in(key, first))
+    if model.locations.of_shared_masses:
+        mass_error = shared_mass_errors(model.locations, design, population.b)
+    elif mass_error is None:
+        variance, covariances = model.log_mass_sd**2, model.covariances(population.hyperparameters)
+        deviation = u.T - expected(design, population.b)
+        pair = [entry - variance for entry in covariances.pair]
+        mass_error = error_given(variance, pair, deviation, of_mass)
+    impacts = Impacts.drawn(model, data, list(u.T), mass_error, of_errors, jnp.asarray(recorded))
+    return impact_quantities(impacts)
 
 
 @padded(1, 1, None)
@@ -217,15 +219,15 @@ def drawn_impacts(
 def recorded_outcomes(
     model: TraceModel, data: TraceData, u: JaxPerParameter, mass_error: JaxPerImpact, key: Array
 ) -> dict[str, JaxPerImpact]:
-    """The outcomes alone, given what was recorded: compiled sooner than `drawn_impacts` is."""
+    """The outcomes alone, given what was recorded: compiled sooner than `of_draw` is."""
     impacts = Impacts.drawn(model, data, list(u.T), mass_error, key, jnp.asarray(True))
     return named_quantities(impacts, HEADFORM_OUTCOMES if model.headform else OUTCOMES)
 
 
 def drawn_from_prior(
     model: TraceModel, data: TraceData, key: Array
-) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "chain draw impact parameter"]]:
-    """One chain's hyperparameters, and effects as "locations"; impacts' parameters."""
+) -> tuple[Population, Float[np.ndarray, "chain draw impact parameter"]]:
+    """One chain's hyperparameters and effects, and the impacts' parameters."""
     drawn = jax.device_get(_drawn_from_prior(model, data.padded, key))
     population, u = jax.tree.map(lambda values: values[None], drawn)
     return population, u[:, :, : len(data.log_mass)]
@@ -234,7 +236,7 @@ def drawn_from_prior(
 @compiled_quickly
 def _drawn_from_prior(
     model: TraceModel, data: TraceData, key: Array
-) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"]]:
+) -> tuple[Population, Float[Array, "draw impact parameter"]]:
     """The same, each [draw, ...]."""
     bare = Predictive(
         lambda: impacts_model(model, data),
@@ -242,59 +244,35 @@ def _drawn_from_prior(
         return_sites=[*model.hyperparameters, "locations", "log_K_and_C", *model.nuisance],
     )
     drawn = bare(key)
-    nuisance = [drawn.pop(name)[..., None] for name in model.nuisance]
-    return drawn, jnp.concatenate([drawn.pop("log_K_and_C"), *nuisance], axis=-1)
+    u = jnp.concatenate([drawn["log_K_and_C"], *(drawn[name][..., None] for name in model.nuisance)], axis=-1)
+    return Population({name: drawn[name] for name in model.hyperparameters}, drawn["locations"]), u
 
 
-def common_log_factor(prepared: Prepared, population: Population, key: Array) -> PerDraw | None:
-    """Log of what all masses are to be multiplied by, K and C with them; None where each errs by itself.
+def common_logs(
+    prepared: Prepared, b: Float[np.ndarray, "chain draw location"], key: Array, *, recorded: bool
+) -> dict[str, PerDraw]:
+    """Logs of what all masses, K and C with them, and both gains beside a force are to be multiplied by.
 
-    A force beside the deceleration tells it, or phantoms of known stiffness, or it is as declared.
+    None where each mass errs by itself. A force beside the deceleration tells both, phantoms of known
+    stiffness that of the masses; else, and before anything is ``recorded``, they are as declared.
     """
     force, reference = prepared.force, prepared.reference
-    if declared_common_sd(prepared) is None:
-        return None
-    standard = np.asarray(jax.random.normal(jax.random.fold_in(key, 12), population.b.shape[:2]))
+    known = force or reference
+    mass_sd = prepared.common_mass_sd or None if known is None else known.mass_sd
+    if mass_sd is None:
+        return {}
+    standard, of_gain = (
+        np.asarray(jax.random.normal(one, b.shape[:2])) for one in (key, jax.random.fold_in(key, 1))
+    )
+    if force is not None and recorded:
+        ratio = b[..., force_ratio(prepared.model.locations)]
+        of_mass = force.log_mass_factor(ratio, standard)
+        return {MASS_FACTOR: of_mass, GAIN_FACTOR: ratio - of_mass}
     if force is not None:
-        return force.log_mass_factor(population.b[..., force_ratio(prepared.model.locations)], standard)
-    if reference is not None:
-        return reference.log_mean + reference.log_sd * standard
-    return prepared.common_mass_sd * standard
-
-
-def with_common_factor(
-    prepared: Prepared,
-    b: Float[np.ndarray, "chain draw location"],
-    log_factor: PerDraw,
-    log_gain: PerDraw | None,
-) -> tuple[Float[np.ndarray, "chain draw location"], dict[str, np.ndarray]]:
-    """Effects at masses that are greater by a factor, and the factors by their names.
-
-    K, C and any mass of the element go with all masses; both gains have one where a force is recorded.
-    """
-    factors = {MASS_FACTOR: np.exp(log_factor)}
-    if log_gain is not None:
-        factors[GAIN_FACTOR] = np.exp(log_gain)
-    model = prepared.model
-    return heavier(model.locations, b, log_factor, in_proportion_to_mass(model.element)), factors
-
-
-def declared_common_sd(prepared: Prepared) -> float | None:
-    """Of the log of a factor that all masses have in common, as declared; None where each errs by itself."""
-    known = prepared.force or prepared.reference
-    return (prepared.common_mass_sd or None) if known is None else known.mass_sd
-
-
-@by_row(DRAWS, constant=2, axes=2)
-def mass_errors(
-    model: TraceModel, design: PopulationDesign, population: Population, u: JaxPerParameter, key: Array
-) -> JaxPerImpact:
-    """The error of every impact's log mass."""
-    if model.locations.of_shared_masses:
-        return shared_mass_errors(model.locations, design, population.b)
-    covariances = model.covariances(population.hyperparameters)
-    pair = [entry - model.log_mass_sd**2 for entry in covariances.pair]
-    return error_given(model.log_mass_sd**2, pair, u.T - expected(design, population.b), key)
+        return {MASS_FACTOR: mass_sd * standard, GAIN_FACTOR: force.gain_sd * of_gain}
+    if reference is not None and recorded:
+        return {MASS_FACTOR: reference.log_mean + reference.log_sd * standard}
+    return {MASS_FACTOR: mass_sd * standard}
 
 
 def error_given(

@@ -139,7 +139,7 @@ def _prior_groups(
 ) -> dict[str, xr.Dataset]:
     # A prior's wall may be thin enough to throw the impactor back faster than any number.
     with np.errstate(over="ignore"):
-        draws = prior_draws(prepared, seed, rng, single=single)
+        draws = prior_draws(prepared, seed, single=single)
         u = draws.impacts["parameters"][0, :PRIOR_PREDICTIVE_DRAWS].astype(float)
         keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 13), len(u))
         replicated = replicates(prepared.model, prepared.data, u, keys)
