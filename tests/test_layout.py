@@ -17,9 +17,11 @@ LARGE = ("inference", "model.hierarchy", "model.likelihood")
 ROOMS = (
     ("execution",),
     ("samplers", "points"),
-    ("factors", "quantities"),
+    ("factors",),
+    ("chain",),
+    ("quantities",),
     ("results",),
-    ("checking", "chain"),
+    ("checking",),
     ("single",),
     ("answers",),
     ("model_comparison", "published", "fit"),

@@ -13,8 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import f as fisher
 
-from bayestissue.inference.results.summary import R_HAT_LIMIT
-from bayestissue.inference.samplers.sampling import ROUGH, Convergence, Draws, convergence, let_pass
+from bayestissue.inference.samplers.sampling import (
+    R_HAT_LIMIT,
+    ROUGH,
+    Convergence,
+    Draws,
+    convergence,
+    let_pass,
+)
 
 # That a run of independent draws fails, all of its quantities together.
 FALSE_ALARMS = 0.01

@@ -17,7 +17,13 @@ from jaxtyping import Float
 from bayestissue.base.errors import Coded
 from bayestissue.base.remedies import sentence
 from bayestissue.base.results.tables import columns_of
-from bayestissue.inference.samplers.sampling import convergence, elements_of, let_pass, quantiles
+from bayestissue.inference.samplers.sampling import (
+    R_HAT_LIMIT,
+    convergence,
+    elements_of,
+    let_pass,
+    quantiles,
+)
 
 QUANTILES = {"eti50_low": 0.25, "eti50_high": 0.75, "eti90_low": 0.05, "eti90_high": 0.95, "median": 0.5}
 # Where an interval is none, a note is added later.
@@ -92,7 +98,6 @@ def prior_overlap(posterior: Float[np.ndarray, "*draw"], prior: Float[np.ndarray
     return float(np.minimum(*shares).sum())
 
 
-R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 # A note of a summary's row.
 UNSETTLED = Coded.stated("r-hat")
