@@ -27,7 +27,7 @@ GREATEST_K = 0.7
 # What sorting and transforming them takes at once stays small, and in a processor's cache.
 _AT_ONCE = 64
 _FEWEST = 4
-# What R-hat may be at most; what that of a single impact may be, and the share of impacts of which it may be more.
+# What R-hat may be at most, that of a single impact, and the share of impacts of which it may be more.
 R_HAT_LIMIT, ROUGH, _SHARE = 1.01, 1.05, 0.01
 # The quantiles whose indicators the tail's sample size is of: ArviZ's own.
 TAILS = (0.11, 0.89)
