@@ -70,16 +70,11 @@ class Problem:
         return cls.stated("retired.name", file, *where, kind=kind, name=name, instead=instead)
 
     def __str__(self) -> str:
-        location = [printable(self.file)]
-        if self.row is not None:
-            location.append(f"row {self.row}")
-        if self.column is not None:
-            location.append(f"column {printable(str(self.column))}")
-        if self.impact is not None:
-            location.append(f"impact {printable(str(self.impact))}")
+        within = {"row": self.row, "column": self.column, "impact": self.impact}
+        named = (f"{name} {printable(str(which))}" for name, which in within.items() if which is not None)
         value = "" if self.value is None else f"found {_shown(self.value)}; "
         expectation = printable(f"expected {self.expected}. {self.remedy}", lines=True)
-        return f"{', '.join(location)}: {value}{expectation}"
+        return f"{', '.join([printable(self.file), *named])}: {value}{expectation}"
 
     @property
     def with_code(self) -> str:
@@ -133,16 +128,16 @@ def by_cause(problems: Iterable[Problem]) -> list[Problem]:
     for problem in problems:
         key = (problem.expected, problem.remedy, problem.column, problem.code)
         groups.setdefault(key, []).append(problem)
-    return [one for group in groups.values() for one in _one_cause(group)]
-
-
-def _one_cause(problems: list[Problem]) -> list[Problem]:
-    files = dict.fromkeys(problem.file for problem in problems)
-    if len(files) < _MANY:
-        return problems
-    first, total = problems[0], max(problem.files_read for problem in problems)
-    count = f"all {total} files" if len(files) == total else f"{len(files)} files"
-    return [replace(first, file=f"{count}, such as {first.file}", impact=None)]
+    causes = []
+    for group in groups.values():
+        count = len({problem.file for problem in group})
+        if count < _MANY:
+            causes += group
+            continue
+        all_read = count == max(problem.files_read for problem in group)
+        file = f"{'all ' * all_read}{count} files, such as {group[0].file}"
+        causes.append(replace(group[0], file=file, impact=None))
+    return causes
 
 
 def all_of[Item, Result](function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:

@@ -55,9 +55,13 @@ INTERVAL_COLUMNS = {
     for which in ("median", "low", "high")
 } | {f"{name}_never": (name, "never") for name in NEVER}
 
-
-def interval_meaning(name: str, which: str) -> str:
-    """What a column of `INTERVAL_COLUMNS` means."""
-    words = {"low": "lower end of its 90 % interval", "high": "upper end"}
-    words |= {"median": f"{DECLARED[name].meaning}: posterior median"}
-    return words.get(which, f"probability {DECLARED[name].never}")
+_MEANINGS = {
+    "median": "{one.meaning}: posterior median",
+    "low": "lower end of its 90 % interval",
+    "high": "upper end",
+    "never": "probability {one.never}",
+}
+# What each of these columns means.
+INTERVAL_MEANINGS = {
+    column: _MEANINGS[which].format(one=DECLARED[name]) for column, (name, which) in INTERVAL_COLUMNS.items()
+}

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Self, Union, get_args, get_origin
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError, model_validator
 
 from bayestissue.base.declarations import described
 from bayestissue.base.errors import InputError, Problem
@@ -170,8 +170,6 @@ def checked[Schema: BaseModel](
     Raises:
         InputError: every key that is unknown, missing or has a wrong value, with what is allowed.
     """
-    from pydantic import ValidationError
-
     try:
         return schema.model_validate(dict(content))
     except ValidationError as error:
@@ -205,32 +203,28 @@ def _merged(problems: list[Problem]) -> list[Problem]:
 def _problem(detail: Any, schema: type[BaseModel], file: str, within: tuple[str, ...]) -> Problem:
     location = _existing(detail["loc"], schema)
     key = ".".join([*within, *(str(part) for part in location)])
-    if gone := _retired(detail, [*within, *location], file, key):
+    # Of a key or a value of an earlier version, the name is without the numbers of tables.
+    name, value = ".".join(part for part in (*within, *location) if isinstance(part, str)), detail["input"]
+    is_unknown = detail["type"] == "extra_forbidden"
+    retired = ("key", name) if is_unknown else ("value", f"{name} = {value}")
+    if gone := Problem.of_retired(*retired, file, None, key, None if is_unknown else value):
         return gone
-    if detail["type"] == "extra_forbidden":
+    if is_unknown:
         allowed = ", ".join(allowed_keys(schema, location[:-1]))
-        return Problem.stated("unknown-key", file, None, key, detail["input"], allowed=allowed)
+        return Problem.stated("unknown-key", file, None, key, value, allowed=allowed)
     if detail["type"] == "missing":
         return Problem.stated("missing-key", file, column=key)
     if detail["type"] == "model_type":
         allowed = ", ".join(allowed_keys(schema, location))
-        return Problem.stated("key-value.table-of", file, None, key, detail["input"], allowed=allowed)
+        return Problem.stated("key-value.table-of", file, None, key, value, allowed=allowed)
     if detail["type"] in messages():
-        return Problem.stated(detail["type"], file, None, key, detail["input"], **detail["ctx"])
+        return Problem.stated(detail["type"], file, None, key, value, **detail["ctx"])
     message = detail["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
-    shown = None if isinstance(detail["input"], Mapping) else detail["input"]
+    shown = None if isinstance(value, Mapping) else value
     words = {"expected": message[:1].lower() + message[1:]}
     return Problem.stated(
         "key-value.key" if key else "key-value.keys", file, None, key or None, shown, **words
     )
-
-
-def _retired(detail: Any, location: Sequence[str | int], file: str, key: str) -> Problem | None:
-    """The problem of a key or a value of an earlier version, by its name without the numbers of tables."""
-    name, value = ".".join(part for part in location if isinstance(part, str)), detail["input"]
-    if detail["type"] == "extra_forbidden":
-        return Problem.of_retired("key", name, file, None, key)
-    return Problem.of_retired("value", f"{name} = {value}", file, None, key, value)
 
 
 def allowed_keys(schema: type[BaseModel], location: Sequence[str | int] = ()) -> tuple[str, ...]:
@@ -258,8 +252,6 @@ def _free(table: type[BaseModel]) -> FieldInfo | None:
 
 
 def _table_in(annotation: Any) -> type[BaseModel] | None:
-    from pydantic import BaseModel
-
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next(filter(None, map(_table_in, get_args(annotation))), None)

@@ -71,19 +71,18 @@ def watch(
         say(f"ready: watching {recordings}")
         if once:
             watching.catch_up(poll_s)
-        elif plain:
-            while True:
-                watching.look()
-                time.sleep(poll_s)
-        else:
-            from bayestissue.studies.bench.server import serve
-            from bayestissue.studies.bench.views import WatchView
+            return
 
-            def work() -> None:
-                watching.look()
-                time.sleep(poll_s)
+        def work() -> None:
+            watching.look()
+            time.sleep(poll_s)
 
-            serve(WatchView(watching), port, echo, work)
+        while plain:
+            work()
+        from bayestissue.studies.bench.server import serve
+        from bayestissue.studies.bench.views import WatchView
+
+        serve(WatchView(watching), port, echo, work)
 
 
 def open_(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float64
@@ -29,11 +29,6 @@ class Range(NamedTuple):
 
     low: float
     high: float
-
-    @classmethod
-    def of(cls, value: float | list[float]) -> Self:
-        """That of one value, or of the least and the greatest."""
-        return cls(*map(float, value if isinstance(value, list) else (value, value)))
 
     def near(self, values: Float64[np.ndarray, " impact"]) -> Bool[np.ndarray, " impact"]:
         """Which values are within `FACTOR` of these."""
@@ -111,7 +106,9 @@ def measurements() -> tuple[Measurement, ...]:
     rows = []
     for row in _FILE["measurements"]:
         texts = {name: text for name, text in row.items() if isinstance(text, str)}
-        ranges = {name: Range.of(value) for name, value in row.items() if name not in texts}
+        # One value, or the least and the greatest.
+        numbers = {name: np.broadcast_to(row[name], 2) for name in row if name not in texts}
+        ranges = {name: Range(*map(float, values)) for name, values in numbers.items()}
         mass, velocity = (ranges.pop(name, None) for name in ("mass_kg", "velocity_m_s"))
         source = sources[texts.pop("source")]
         rows.append(Measurement(source=source, published=ranges, mass=mass, velocity=velocity, **texts))

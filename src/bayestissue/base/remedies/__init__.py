@@ -105,39 +105,34 @@ def sentence(key: str, **numbers: object) -> str:
 @cache
 def sentences() -> MappingProxyType[str, str]:
     """Every sentence of a fit's findings by its key; see `sentence`."""
-    of_codes = {code: entry["finding"] for code, (_, entry) in _declared().items() if "finding" in entry}
-    return MappingProxyType(dict(_leaves(of_codes)))
-
-
-def _leaves(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
-    """All texts of a table and of those in it, by the names down to each with points between."""
-    for name, entry in table.items():
-        if isinstance(entry, str):
-            yield f"{above}{name}", entry
-        else:
-            yield from _leaves(entry, f"{above}{name}.")
+    return MappingProxyType(_parts("finding", lambda entry: isinstance(entry, str)))
 
 
 @cache
 def messages() -> MappingProxyType[str, Message]:
     """Every message by its key: a code, or a code, a point and which of its messages."""
-    return _by_key("message", Message)
+    tables = _parts("message", lambda entry: "expected" in entry)
+    return MappingProxyType({key: Message(key.partition(".")[0], **entry) for key, entry in tables.items()})
 
 
 @cache
 def flags() -> MappingProxyType[str, Flag]:
     """All words that warn by their key: a code, or a code and a point."""
-    return _by_key("flag", Flag)
+    tables = _parts("flag", lambda entry: "says" in entry)
+    return MappingProxyType({key: Flag(key.partition(".")[0], **entry) for key, entry in tables.items()})
 
 
-def _by_key[Kind](part: str, kind: Callable[..., Kind]) -> MappingProxyType[str, Kind]:
-    keyed: dict[str, Kind] = {}
-    for code, (_, entry) in _declared().items():
-        content = entry.get(part, {})
-        is_one = not all(isinstance(value, dict) for value in content.values())
-        several = {code: content} if is_one else {f"{code}.{point}": one for point, one in content.items()}
-        keyed |= {key: kind(code, **one) for key, one in several.items()}
-    return MappingProxyType(keyed)
+def _parts(part: str, is_whole: Callable[[Any], bool]) -> dict[str, Any]:
+    """What entries have as a ``part``, whole, by the code and the names of tables down to it, with points."""
+
+    def below(table: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+        for name, entry in table.items():
+            if is_whole(entry):
+                yield f"{above}{name}", entry
+            else:
+                yield from below(entry, f"{above}{name}.")
+
+    return dict(below({code: entry[part] for code, (_, entry) in _declared().items() if part in entry}))
 
 
 @cache

@@ -8,6 +8,7 @@ import platform
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -33,16 +34,21 @@ _LOCK = re.compile(r"process \d+ on .* since [\d :-]+")
 GO_ON = "run the same command again to go on from here"
 
 
+@dataclass(frozen=True)
 class OutputFolder:
     """A claimed folder for results; see `claim`.
 
     Attributes:
         path: where the results go, as the user named it.
+        target: where that leads.
+        command: what writes the results.
+        overwrite: replace what is there, if all of that is this program's own.
     """
 
-    def __init__(self, path: Path, target: Path, command: str, *, overwrite: bool) -> None:
-        self.path = path
-        self._target, self._command, self._overwrite = target, command, overwrite
+    path: Path
+    target: Path
+    command: str
+    overwrite: bool
 
     @contextmanager
     def folder(self) -> Iterator[Path]:
@@ -53,14 +59,14 @@ class OutputFolder:
         Raises:
             InputError: something has taken the place meanwhile.
         """
-        staging = _hidden(self._target, "partial")
+        staging = _hidden(self.target, "partial")
         try:
             _begin_job(staging)
             yield staging
-            write_manifest(staging, self._command)
+            write_manifest(staging, self.command)
             staging.chmod(0o755)
-            require_free(self._target, overwrite=self._overwrite)
-            _replace(self._target, staging)
+            require_free(self.target, overwrite=self.overwrite)
+            _replace(self.target, staging)
         except OSError as error:
             # A write that fails does not say where.
             error.filename = error.filename or str(self.path)
@@ -77,7 +83,7 @@ class OutputFolder:
         Args:
             job: a fingerprint of everything that the parts depend on, by which their folder is named.
         """
-        parts = _hidden(self._target, "unfinished")
+        parts = _hidden(self.target, "unfinished")
         folder = parts / job[:32]
         if not (parts / MANIFEST).is_file():
             with suppress(FileNotFoundError):
@@ -127,7 +133,7 @@ def claim(
             replaced.rename(target)
         discard(replaced)
         require_free(target, overwrite=overwrite)
-        yield OutputFolder(Path(out), target, command, overwrite=overwrite)
+        yield OutputFolder(Path(out), target, command, overwrite)
 
 
 def _begin_job(folder: Path) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from bayestissue.base.declarations import declared
 from bayestissue.base.errors import InputError, Problem, all_of, refuse
-from bayestissue.base.outcome_table import DECLARED, HEADFORM_COLUMNS, INTERVAL_COLUMNS, interval_meaning
+from bayestissue.base.outcome_table import DECLARED, HEADFORM_COLUMNS, INTERVAL_MEANINGS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,10 +28,9 @@ HELD = "a file that a finished run holds"
 # Columns that ``tables.toml`` has by the name of their group.
 _GROUPS = {
     "outcomes": " ".join(HEADFORM_COLUMNS.values()),
-    "intervals of outcomes": " ".join(INTERVAL_COLUMNS),
+    "intervals of outcomes": " ".join(INTERVAL_MEANINGS),
 }
 _OF_OUTCOMES = {one.column: one.meaning for one in DECLARED.values()}
-_OF_INTERVALS = {column: interval_meaning(*which) for column, which in INTERVAL_COLUMNS.items()}
 
 
 class DeclaredColumn(NamedTuple):
@@ -69,7 +68,7 @@ def _file(name: str, content: dict[str, Any]) -> ResultFile:
     columns, text, whole, may_lack = (
         entry.get(key, "").format_map(_GROUPS).split() for key in ("columns", "text", "whole", "may_lack")
     )
-    of_outcomes = _OF_INTERVALS if "{intervals of outcomes}" in entry.get("columns", "") else {}
+    of_outcomes = INTERVAL_MEANINGS if "{intervals of outcomes}" in entry.get("columns", "") else {}
     meanings = _OF_OUTCOMES | content["means"] | of_outcomes | known
     declared_columns = {
         column: DeclaredColumn(
