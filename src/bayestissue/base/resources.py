@@ -129,7 +129,7 @@ def _base(like: Any, source: str, text: str, above: tuple[Path, ...]) -> Path:
         if base.is_file() and base not in above:
             return base
     row, listed = row_of(text, (LIKE,)), ", ".join(names)
-    if gone := Problem.of_retired("model", str(like), source, row_of(text, (LIKE,)), LIKE, like):
+    if gone := Problem.of_retired("model", str(like), source, row, LIKE, like):
         raise InputError(gone)
     raise InputError.stated("no-model.like", source, row, LIKE, like, listed=listed)
 

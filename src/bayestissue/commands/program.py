@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayestissue.base import resources, runtime
-from bayestissue.base.errors import InputError, Problem, more
+from bayestissue.base.errors import Problem, more, refuse
 from bayestissue.base.remedies import Remedy, entries, retired
 from bayestissue.base.result import Made
 from bayestissue.base.results.files import write_json, write_tree
@@ -38,8 +38,12 @@ def explain(
     from bayestissue.commands.console import echo
 
     known = entries() | _retired_names()
-    if unknown := [code for code in codes or () if code not in known]:
-        raise InputError(_unknown(code, list(known)) for code in unknown)
+    problems = []
+    for code in codes or ():
+        if code not in known:
+            hint = "".join(f"Is it {near}? " for near in difflib.get_close_matches(code, known, n=1))
+            problems.append(Problem.stated("option-value.code", "explain", value=code, hint=hint))
+    refuse(problems)
     chosen = [known[code] for code in codes or ()] or list(entries().values())
     if as_json:
         echo(json.dumps([asdict(entry) for entry in chosen], ensure_ascii=False))
@@ -81,12 +85,6 @@ def _list(chosen: Sequence[Remedy]) -> Iterator[str]:
         yield from (f"  {entry.code:{width}}  {entry.title}" for entry in group)
         yield ""
     yield "bayestissue explain CODE says what one means, what it does to K and C, and what to do."
-
-
-def _unknown(code: str, known: Sequence[str]) -> Problem:
-    near = difflib.get_close_matches(code, known, n=1)
-    hint = f"Is it {near[0]}? " if near else ""
-    return Problem.stated("option-value.code", "explain", value=code, hint=hint)
 
 
 def model(name: Annotated[str, typer.Argument(metavar="NAME|FILE")]) -> None:
