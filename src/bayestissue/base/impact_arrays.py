@@ -28,6 +28,11 @@ type JaxPerSample = Float[Array, "impact sample"]
 type JaxPerParameter = Float[Array, "impact parameter"]
 
 
+def evenly_spaced(count: int, most: int) -> Int[np.ndarray, " chosen"]:
+    """Numbers of at most so many of ``count``, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
 def bucket(size: int) -> int:
     """The least of a few sizes that holds ``size``: four to each power of two, at most a fourth too many."""
     step = max(1, 2 ** (int(size).bit_length() - 3))

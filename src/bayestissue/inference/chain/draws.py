@@ -16,7 +16,7 @@ from jax.sharding import NamedSharding
 from jax.sharding import PartitionSpec as P
 from jaxtyping import Float
 
-from bayestissue.base.impact_arrays import padded_impacts
+from bayestissue.base.impact_arrays import evenly_spaced, padded_impacts
 from bayestissue.base.result import Say, silent
 from bayestissue.inference.chain.chain_settings import FIRST, ChainSettings
 from bayestissue.inference.chain.moves import Kernel, State, Steps, Tuning, Visited, transition
@@ -25,7 +25,7 @@ from bayestissue.inference.chain.run import Chains, Segment, sampled, warm_up
 from bayestissue.inference.chain.target import AXIS, FIELDS, Target
 from bayestissue.inference.chain.warm_up import begin, retuned
 from bayestissue.inference.execution.compiling import FULLY, compiled_quickly
-from bayestissue.inference.execution.kept import all_kept, evenly_spaced, some_impacts, some_of
+from bayestissue.inference.execution.kept import all_kept, some_impacts, some_of
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import Population
 from bayestissue.model.hierarchy.specification import Sampler

@@ -11,11 +11,11 @@ import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from bayestissue.base.impact_arrays import evenly_spaced
 from bayestissue.inference.chain.ending import LookVerdict
 from bayestissue.inference.chain.moves import State, Steps, StudentT, Tuning
 from bayestissue.inference.chain.run import read_arrays, write_arrays
 from bayestissue.inference.execution.compiling import by_row
-from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.model.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.model.hierarchy.population import Hyperparameters, Population
 from bayestissue.model.hierarchy.trace_models import Hierarchy, hyperparameters_at

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Int
 
+from bayestissue.base.impact_arrays import evenly_spaced
 from bayestissue.model.hierarchy.trace_data import Prepared
 
 # Up to so many impacts everything is kept of each. Of more everything is kept of so many of them, and of each
@@ -16,11 +17,6 @@ from bayestissue.model.hierarchy.trace_data import Prepared
 FEW, IMPACT_DRAWS = 1000, 400
 # Draws times impacts: of 25,000 impacts or more fewer draws of each.
 MOST_PAIRS = 10_000_000
-
-
-def evenly_spaced(count: int, most: int) -> Int[np.ndarray, " chosen"]:
-    """Numbers of at most so many of ``count``, the first and the last among them."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
 def some_impacts(count: int) -> Int[np.ndarray, " shown"]:

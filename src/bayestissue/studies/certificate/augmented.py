@@ -22,9 +22,10 @@ from jax import Array
 from jaxtyping import Float
 from scipy.integrate import cumulative_trapezoid
 
+from bayestissue.base.impact_arrays import evenly_spaced
 from bayestissue.inference.chain.chain_settings import TOGETHER
 from bayestissue.inference.chain.results import ChainDraws
-from bayestissue.inference.execution.kept import evenly_spaced, some_of
+from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.quantities.quantity_draws import replicates
 from bayestissue.model.hierarchy.gaussian.arrangement import expected
 from bayestissue.model.hierarchy.population import Population

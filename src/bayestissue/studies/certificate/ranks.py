@@ -17,9 +17,9 @@ from jaxtyping import Float, Int
 from scipy.special import bdtr, ndtr
 from scipy.stats import binom, norm, t
 
+from bayestissue.base.impact_arrays import evenly_spaced
 from bayestissue.base.results.tables import columns_of, table_of_rows
 from bayestissue.inference.chain.results import ChainDraws
-from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.inference.factors.sites import log_likelihoods
 from bayestissue.model.hierarchy.population import MASS_ERROR
 from bayestissue.model.hierarchy.trace_data import Prepared

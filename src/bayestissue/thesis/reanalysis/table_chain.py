@@ -17,6 +17,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.base.impact_arrays import evenly_spaced
 from bayestissue.base.result import Say, silent
 from bayestissue.inference.chain.chain_settings import ChainSettings
 from bayestissue.inference.chain.ending import LookVerdict
@@ -25,7 +26,6 @@ from bayestissue.inference.chain.results import constrained
 from bayestissue.inference.chain.run import Chains, Segment, sampled, warm_up
 from bayestissue.inference.chain.warm_up import nearest_t, walk_start
 from bayestissue.inference.execution.compiling import FULLY, by_row
-from bayestissue.inference.execution.kept import evenly_spaced
 from bayestissue.inference.samplers.sampling import flat
 from bayestissue.model.hierarchy.gaussian.effects import effects_from_standard
 from bayestissue.model.hierarchy.specification import Sampler

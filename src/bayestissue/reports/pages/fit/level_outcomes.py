@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayestissue.base.impact_arrays import evenly_spaced
 from bayestissue.base.outcome_table import DECLARED
 from bayestissue.inference.answers.law import fall_height
 from bayestissue.inference.results.meanings import UNITS, outcome_name
@@ -18,7 +19,6 @@ from bayestissue.reports.figures.intervals import intervals
 from bayestissue.reports.figures.theme import Figure, number
 from bayestissue.reports.pages.fit.answers import person_words
 from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.fit.method_agreement import evenly_spaced
 from bayestissue.reports.pages.fit.study_answers import FIRST_OUTCOME as FIRST
 from bayestissue.reports.pages.fit.study_answers import leading_levels
 from bayestissue.reports.pages.page_settings import LIMITS

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from bayestissue.base.impact_arrays import evenly_spaced
 from bayestissue.inference.answers.reliability import agreement
 from bayestissue.inference.results.meanings import COLUMNS, UNITS
 from bayestissue.reports.pages.fit.fit_run import FitRun
@@ -22,11 +23,6 @@ TITLE = "thesis's method over posterior median"
 def shown_rows(table: pd.DataFrame) -> pd.DataFrame:
     """The rows that a figure shows: all, or a thousand evenly spaced ones if there are more."""
     return table.iloc[evenly_spaced(len(table), LIMITS.impacts_drawn)]
-
-
-def evenly_spaced(count: int, most: int) -> np.ndarray:
-    """All the numbers below ``count``, or ``most`` of them, evenly spaced, if they are more."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
 def held_by_intervals(run: FitRun) -> pd.DataFrame:

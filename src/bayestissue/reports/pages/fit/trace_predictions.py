@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
+from bayestissue.base.impact_arrays import evenly_spaced
 from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.reports.figures.browser import by_column, packed
 from bayestissue.reports.figures.impacts import factors
 from bayestissue.reports.figures.traces import BANDS
 from bayestissue.reports.pages.fit.fit_run import FitRun
-from bayestissue.reports.pages.fit.method_agreement import evenly_spaced
 from bayestissue.reports.pages.page_settings import LIMITS
 
 STRUCTURED = 0.01
