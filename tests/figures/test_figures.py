@@ -10,9 +10,11 @@ import pandas as pd
 import pytest
 
 from bayestissue import read_run
+from bayestissue.inference.answers.reliability import agreement as agreement_table
+from bayestissue.inference.answers.reliability import limits_of_agreement
 from bayestissue.reports.figures.browser import figure_json
 from bayestissue.reports.figures.intervals import MOST_LEVELS, with_ranks
-from bayestissue.reports.figures.study_comparisons import agreement, limits_of_agreement
+from bayestissue.reports.figures.study_comparisons import agreement
 from bayestissue.reports.figures.theme import scale_over
 from bayestissue.reports.figures.traces import thinned
 from bayestissue.reports.pages.fit import figures
@@ -76,8 +78,16 @@ def test_limits_of_agreement_are_those_of_logs() -> None:
     np.testing.assert_allclose(limits_of_agreement(ratio), expected)
     assert np.isnan(limits_of_agreement(ratio[:1])[1])
     rows = pd.DataFrame({"mean": [1.0, 2.0, 3.0], "ratio": ratio[:3]})
-    drawn = agreement(rows, "K (N/m)", "a over b", "w").svg()
+    drawn = agreement(rows, expected, "K (N/m)", "a over b", "w").svg()
     assert f"{expected[0]:.3g}" in words_in(drawn)
+
+
+def test_limits_of_agreement_are_those_of_all_impacts_where_some_are_drawn(monkeypatch) -> None:
+    values = pd.DataFrame({"dds": np.exp(np.random.default_rng(1).normal(size=3000)), "posterior": 1.0})
+    monkeypatch.setattr(figures, "method_values", lambda *_: values)
+    ends = agreement_table({"K": values}).loc[0, ["ratio", "low", "high"]]
+    drawn = words_in(figures.methods(None, "K").svg())  # type: ignore[arg-type]
+    assert {f"{end:.3g}" for end in ends} <= set(drawn)
 
 
 def test_ranks_are_those_of_the_draws_and_the_middle_of_very_many_is_left_out() -> None:

@@ -257,13 +257,22 @@ def as_variables(coefficients: Sequence[Coefficient]) -> xr.Dataset:
     )
 
 
+def limits_of_agreement(ratio: pd.Series) -> tuple[float, float, float]:
+    """Of the ratios a / b of single impacts exp(mean d), d being their logs, and its 95 % limits.
+
+    These are exp(mean d ± 1.96 sd d) (Bland and Altman 1999, doi:10.1177/096228029900800204, who take logs
+    where differences grow with the size). What is not above 0, or no number, has no log and is left out.
+    """
+    d = np.log(ratio[(ratio > 0) & np.isfinite(ratio)])
+    middle, half = d.mean(), SD_OF_95_PERCENT * d.std(ddof=1)
+    return float(np.exp(middle)), float(np.exp(middle - half)), float(np.exp(middle + half))
+
+
 def agreement(values: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """The thesis's method over the posterior, limits of agreement of single impacts: ``agreement.csv``.
 
-    Of each impact d = log(a / b) with its values a and b by two methods. The ratio is exp(mean d), and its
-    95 % limits of agreement are exp(mean d ± 1.96 sd d) (Bland and Altman 1999,
-    doi:10.1177/096228029900800204, who take logs where differences grow with the size). They are of people
-    and conditions as recorded: impacts of one person are not independent, so that other people may differ.
+    They are of people and conditions as recorded: impacts of one person are not independent, so that other
+    people may differ.
 
     Args:
         values: of K and of C a row an impact, with the columns ``dds`` and ``posterior``. What is not above 0
@@ -275,9 +284,6 @@ def agreement(values: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     rows = []
     for quantity, table in values.items():
         positive = table[((table > 0) & np.isfinite(table)).all(axis=1)]
-        d = np.log(positive["dds"] / positive["posterior"])
-        sd = float(d.std(ddof=1)) if len(d) > 1 else np.nan
-        middle = float(d.mean()) if len(d) else np.nan
-        ends = np.exp([middle, middle - SD_OF_95_PERCENT * sd, middle + SD_OF_95_PERCENT * sd])
-        rows.append((quantity, "dds", "posterior", len(d), len(table) - len(d), *map(float, ends)))
+        impacts, ends = len(positive), limits_of_agreement(positive["dds"] / positive["posterior"])
+        rows.append((quantity, "dds", "posterior", impacts, len(table) - impacts, *ends))
     return table_of_rows("agreement", rows)

@@ -68,30 +68,19 @@ def paired(rows: pd.DataFrame, means: pd.DataFrame, factor: str, axis: str, word
     return Figure(layered(layers, HEIGHT, max(150 * len(levels), 300)), words, rows)
 
 
-def limits_of_agreement(ratio: pd.Series) -> tuple[float, float, float]:
-    """Mean ratio and the 95 % limits that hold single ratios (Bland and Altman 1999), by their logs."""
-    logs = np.log(ratio[ratio > 0].dropna().to_numpy(float))
-    if logs.size < 2:
-        return (float(np.exp(logs.mean())) if logs.size else np.nan, np.nan, np.nan)
-    half = 1.96 * logs.std(ddof=1)
-    low, middle, high = np.exp(logs.mean() + half * np.array([-1.0, 0.0, 1.0]))
-    return float(middle), float(low), float(high)
-
-
-def agreement(rows: pd.DataFrame, axis: str, ratio_title: str, words: str) -> Figure:
+def agreement(rows: pd.DataFrame, limits: Sequence[float], axis: str, ratio_title: str, words: str) -> Figure:
     """Two measurements of the same: their ratio over their geometric mean, as Bland and Altman plot them.
 
     Args:
         rows: ``mean`` and ``ratio``, with names such as ``impact``, ``person`` or ``pair``.
+        limits: of the ratios, of those too that are too many to be drawn; see
+            `bayestissue.inference.answers.reliability.limits_of_agreement`.
         axis: name and unit of the mean.
         ratio_title: what is over what.
         words: what the figure shows.
     """
-    middle, *limits = limits_of_agreement(rows["ratio"])
     rows = rows[rows["ratio"] > 0].reset_index(drop=True)
-    lines = pd.DataFrame(
-        {"at": [middle, *limits], "line": ["mean ratio", "95 % limit", "95 % limit"]}
-    ).dropna()
+    lines = pd.DataFrame({"at": limits, "line": ["mean ratio", "95 % limit", "95 % limit"]}).dropna()
     lines["text"] = [f"{value:.3g}" for value in lines["at"]]
     at = number("at", ratio_title)
     dash = where("datum.line == 'mean ratio'", SOLID, {"value": DASHED})

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from bayestissue.inference.answers.reliability import limits_of_agreement
 from bayestissue.inference.results.meanings import COLUMNS, NAMES, TOGETHER, UNITS
 from bayestissue.model.hierarchy.formulas.group_terms import stem_of
 from bayestissue.reports.figures import impacts as of_impacts
@@ -175,8 +176,10 @@ def repeats(run: FitRun, quantity: str) -> pd.DataFrame:
 
 def repeatability(run: FitRun, quantity: str = "K") -> Figure:
     """Successive measurements of one person: their ratio over their mean, with 95 % limits of agreement."""
+    rows = repeats(run, quantity)
     return study_comparisons.agreement(
-        repeats(run, quantity),
+        rows,
+        limits_of_agreement(rows["ratio"]),
         f"geometric mean {quantity} of the two ({UNITS[quantity]})",
         "second over first",
         said("figures.repeatability", q=quantity),
@@ -196,7 +199,8 @@ def methods(run: FitRun, quantity: str) -> Figure:
     )
     words = said("figures.methods", q=quantity, title=TITLE)
     mean = f"geometric mean {quantity} ({UNITS[quantity]})"
-    return study_comparisons.agreement(shown_rows(rows), mean, TITLE, words)
+    limits = limits_of_agreement(rows["ratio"])
+    return study_comparisons.agreement(shown_rows(rows), limits, mean, TITLE, words)
 
 
 def mass(run: FitRun, quantity: str = "K", *, thesis: bool = False) -> Figure:
