@@ -60,6 +60,12 @@ def test_it_is_written_and_read_again(tmp_path) -> None:
     assert marked(bt.read_dataset(data.write(tmp_path / "again"))) == marked(data)
 
 
+def test_limits_of_two_recordings_are_written_and_read_again(tmp_path) -> None:
+    data = read([np.minimum(force(0), 40.0), np.minimum(force(1), 70.0)])
+    assert len({float(trace.value[trace.clipped != 0].max()) for trace in data.traces}) == 2
+    assert marked(bt.read_dataset(data.write(tmp_path / "again"))) == marked(data)
+
+
 def test_models_that_have_no_place_for_it_say_so() -> None:
     clipped = read([np.minimum(force(row), 70.0) for row in range(2)])
     with pytest.raises(InputError, match="2 of these"):

@@ -188,6 +188,9 @@ def test_a_file_and_options_are_not_mixed(tmp_path: Path) -> None:
     assert (refused.status, "PLAN.toml or --people" in refused.err) == (2, True)
     refused = bayestissue("plan", "--people", "10", "--within", "side", "--out", tmp_path / "out")
     assert (refused.status, "--masses" in refused.err) == (2, True)
+    # Nor arguments of the function, which would be passed over without a word.
+    with pytest.raises(InputError, match="people, and not both"):
+        bt.plan(path, people=20)
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from bayestissue.base.errors import Problem
 from bayestissue.base.outline import Outlined, Rows, counted, short, span
 from bayestissue.recordings.dataset.cells import FILE as IMPACTS
 from bayestissue.recordings.dataset.dataset_file import (
+    ChannelQuantity,
     ChannelSettings,
     Contact,
     LowPassFilter,
@@ -23,7 +24,7 @@ from bayestissue.recordings.dataset.dataset_file import (
     Uncertainty,
 )
 from bayestissue.recordings.dataset.impact_table import counts, of_phantoms
-from bayestissue.recordings.dataset.ragged_traces import BoolPerImpact, Traces
+from bayestissue.recordings.dataset.ragged_traces import BoolPerImpact, Traces, at_limit
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -190,10 +191,11 @@ class Dataset(Outlined):
 
         names = pd.Index(self.impacts["impact"])
         settings = self.settings.stated()
-        settings["signal"] |= _limit(self.traces)
+        signal = SignalSettings.model_validate(settings["signal"])
+        settings["signal"] |= _limit(self.traces, signal.quantity, signal.below_force)
         further = {}
         for channel, traces in zip(settings.get("channel", ()), self.further, strict=True):
-            channel |= _limit(traces)
+            channel |= _limit(traces, channel["quantity"])
             further[channel["file"]] = long_table(names, traces)
         tables: Any = {"traces": long_table(names, self.traces), "further": further}
         impacts, folder = self.impacts.drop(columns="trace", errors="ignore"), Path(path)
@@ -223,10 +225,22 @@ class Dataset(Outlined):
         return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]
 
 
-def _limit(traces: Traces) -> dict[str, float]:
-    """The key ``limit`` of recordings that reach one."""
+def _limit(
+    traces: Traces, quantity: Quantity | ChannelQuantity, below_force: float = 0.0
+) -> dict[str, float]:
+    """The key ``limit`` of recordings that reach one; none where it is no one limit of all of them.
+
+    Each recording's own is then found again when they are read.
+    """
     limited = np.abs(traces.value[traces.clipped != 0])
-    return {"limit": float(limited.min())} if limited.size else {}
+    if not limited.size:
+        return {}
+    limit = float(limited.min())
+    of_all, of_each = (
+        np.array_equal(at_limit(traces, quantity, stated), traces.clipped)
+        for stated in ((below_force - limit, below_force + limit), None)
+    )
+    return {"limit": limit} if of_all or not of_each else {}
 
 
 def long_table(impacts: pd.Index, traces: Traces) -> pd.DataFrame:

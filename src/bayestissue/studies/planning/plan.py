@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.base import runtime
-from bayestissue.base.errors import Coded, path_argument
+from bayestissue.base.errors import Coded, InputError, path_argument
 from bayestissue.base.outline import Rows, short
 from bayestissue.base.result import Result, Say, silent
 from bayestissue.base.results.files import write_json
@@ -140,6 +140,12 @@ def plan(
         >>> plan.report("plans/exponent")
     """
     if file is not None:
+        stated: dict[str, Any] = {"people": people, "masses_kg": masses_kg, "ask": ask, "repeats": repeats}
+        stated |= {"velocities_m_s": velocities_m_s, "within": within, "groups": groups}
+        stated |= {"model": model, "K": K, "C": C}
+        defaults = plan.__kwdefaults__ or {}
+        if named := [name for name, value in stated.items() if not np.array_equal(value, defaults[name])]:
+            raise InputError.stated("impossible-plan.both", "arguments", None, named[0], option=named[0])
         specification, source = read_plan(path_argument("file", file, "the path of a plan file")), str(file)
     else:
         numbers = {"people": people, "masses_kg": masses_kg, "repeats": repeats}
