@@ -135,8 +135,8 @@ def by_cause(problems: Iterable[Problem]) -> list[Problem]:
             causes += group
             continue
         all_read = count == max(problem.files_read for problem in group)
-        file = f"{'all ' * all_read}{count} files, such as {group[0].file}"
-        causes.append(replace(group[0], file=file, impact=None))
+        files = f"all {count} files" if all_read else f"{count} files"
+        causes.append(replace(group[0], file=f"{files}, such as {group[0].file}", impact=None))
     return causes
 
 

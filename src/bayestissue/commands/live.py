@@ -77,8 +77,9 @@ def watch(
             watching.look()
             time.sleep(poll_s)
 
-        while plain:
-            work()
+        if plain:
+            while True:
+                work()
         from bayestissue.studies.bench.server import serve
         from bayestissue.studies.bench.views import WatchView
 

@@ -184,11 +184,12 @@ def require_file(
     Raises:
         InputError: what is wrong.
     """
-    where = f"--draws {str(path)!r}"
+    option = "--draws"
+    where = f"{option} {str(path)!r}"
     if path.suffix not in suffixes:
         kinds = " or ".join(suffixes)
         raise InputError.stated("file-taken.suffix", where, value=path.suffix, kinds=kinds)
-    resolved = require_place(path, inputs, "--draws")
+    resolved = require_place(path, inputs, option)
     if resolved.exists() and not overwrite:
         raise InputError.stated("file-taken.own", where, value="a name that is taken")
     if resolved.exists() and not (resolved.is_file() and is_own(resolved)):

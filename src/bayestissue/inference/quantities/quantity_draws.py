@@ -86,18 +86,17 @@ def posterior_draws(prepared: Prepared, chains: ChainDraws, seed: int) -> Draws:
         chains: its draws.
         seed: of what is drawn besides: the measuring chain's errors, and those of mass.
     """
-    count = len(prepared.impacts)
-    chosen = kept_draws(chains.shape[0], len(chains.impact_draws), count)
-    numbers, rows, key = chains.impact_draws[chosen], some_impacts(count), jax.random.PRNGKey(seed)
-    scores = log_densities(prepared, chains.sites, chains.population, chains.log_ratios, rows)
+    population, count, key = chains.population, len(prepared.impacts), jax.random.PRNGKey(seed)
+    scores = log_densities(prepared, chains.sites, population, chains.log_ratios, some_impacts(count))
     # In numpy: jax compiles each step of choosing some of them anew for every number of draws.
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 11), chains.shape))
-    logs = common_logs(prepared, chains.population.b, jax.random.fold_in(key, 12), recorded=True)
-    of_kept, keys, of_impacts = jax.tree.map(lambda v: v[:, numbers], (chains.population, keys, logs))
-    whole, at_hand = all_kept(count), (of_kept, chains.u[:, chosen], of_impacts, keys)
-    impacts = _of_impacts(prepared, *at_hand, recorded=True, single=not whole)
-    named = population_by_name(prepared, chains.population, logs)
-    return Draws(named, impacts, scores, None if whole else numbers)
+    logs = common_logs(prepared, population.b, jax.random.fold_in(key, 12), recorded=True)
+    chosen, whole = kept_draws(chains.shape[0], len(chains.impact_draws), count), all_kept(count)
+    numbers, u = chains.impact_draws[chosen], chains.u[:, chosen]
+    of_kept = jax.tree.map(lambda values: values[:, numbers], (population, logs, keys))
+    impacts = _of_impacts(prepared, u, *of_kept, recorded=True, single=not whole)
+    by_name = population_by_name(prepared, population, logs)
+    return Draws(by_name, impacts, scores, None if whole else numbers)
 
 
 def prior_draws(prepared: Prepared, seed: int, *, single: bool = False) -> Draws:
@@ -106,7 +105,7 @@ def prior_draws(prepared: Prepared, seed: int, *, single: bool = False) -> Draws
     population, u = drawn_from_prior(prepared.model, prepared.data, key)
     keys = np.asarray(jax.random.split(jax.random.fold_in(key, 1), u.shape[:2]))
     logs = common_logs(prepared, population.b, jax.random.fold_in(key, 2), recorded=False)
-    impacts = _of_impacts(prepared, population, u, logs, keys, recorded=False, single=single)
+    impacts = _of_impacts(prepared, u, population, logs, keys, recorded=False, single=single)
     # The measuring chain's errors are as the dataset states them.
     impacts.pop("chain_error")
     return Draws(population_by_name(prepared, population, logs), impacts)
@@ -146,8 +145,8 @@ def quantities(prepared: Prepared, draws: Draws, rng: np.random.Generator) -> di
 
 def _of_impacts(
     prepared: Prepared,
-    population: Population,
     u: Float[np.ndarray, "chain draw impact parameter"],
+    population: Population,
     logs: Mapping[str, PerDraw],
     keys: np.ndarray,
     *,
@@ -261,18 +260,18 @@ def common_logs(
     mass_sd = prepared.common_mass_sd or None if known is None else known.mass_sd
     if mass_sd is None:
         return {}
-    standard, of_gain = (
-        np.asarray(jax.random.normal(one, b.shape[:2])) for one in (key, jax.random.fold_in(key, 1))
-    )
+    standard = np.asarray(jax.random.normal(key, b.shape[:2]))
     if force is not None and recorded:
         ratio = b[..., force_ratio(prepared.model.locations)]
         of_mass = force.log_mass_factor(ratio, standard)
         return {MASS_FACTOR: of_mass, GAIN_FACTOR: ratio - of_mass}
-    if force is not None:
-        return {MASS_FACTOR: mass_sd * standard, GAIN_FACTOR: force.gain_sd * of_gain}
     if reference is not None and recorded:
         return {MASS_FACTOR: reference.log_mean + reference.log_sd * standard}
-    return {MASS_FACTOR: mass_sd * standard}
+    logs = {MASS_FACTOR: mass_sd * standard}
+    if force is not None:
+        of_gain = np.asarray(jax.random.normal(jax.random.fold_in(key, 1), b.shape[:2]))
+        logs[GAIN_FACTOR] = force.gain_sd * of_gain
+    return logs
 
 
 def error_given(

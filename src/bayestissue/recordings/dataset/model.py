@@ -14,7 +14,6 @@ from bayestissue.base.errors import Problem
 from bayestissue.base.outline import Outlined, Rows, counted, short, span
 from bayestissue.recordings.dataset.cells import FILE as IMPACTS
 from bayestissue.recordings.dataset.dataset_file import (
-    ChannelQuantity,
     ChannelSettings,
     Contact,
     LowPassFilter,
@@ -190,13 +189,13 @@ class Dataset(Outlined):
         from bayestissue.recordings.dataset.write import write_dataset
 
         names = pd.Index(self.impacts["impact"])
-        settings = self.settings.stated()
-        signal = SignalSettings.model_validate(settings["signal"])
-        settings["signal"] |= _limit(self.traces, signal.quantity, signal.below_force)
+        settings, signal = self.settings.stated(), self.settings.signal
+        settings["signal"] |= _limit(self.traces, signal)
         further = {}
-        for channel, traces in zip(settings.get("channel", ()), self.further, strict=True):
-            channel |= _limit(traces, channel["quantity"])
-            further[channel["file"]] = long_table(names, traces)
+        of_channels = zip(settings.get("channel", ()), self.channels, self.further, strict=True)
+        for stated, channel, traces in of_channels:
+            stated |= _limit(traces, channel.as_signal(signal))
+            further[channel.file] = long_table(names, traces)
         tables: Any = {"traces": long_table(names, self.traces), "further": further}
         impacts, folder = self.impacts.drop(columns="trace", errors="ignore"), Path(path)
         with (
@@ -225,9 +224,7 @@ class Dataset(Outlined):
         return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]
 
 
-def _limit(
-    traces: Traces, quantity: Quantity | ChannelQuantity, below_force: float = 0.0
-) -> dict[str, float]:
+def _limit(traces: Traces, signal: SignalSettings) -> dict[str, float]:
     """The key ``limit`` of recordings that reach one; none where it is no one limit of all of them.
 
     Each recording's own is then found again when they are read.
@@ -236,11 +233,12 @@ def _limit(
     if not limited.size:
         return {}
     limit = float(limited.min())
-    of_all, of_each = (
-        np.array_equal(at_limit(traces, quantity, stated), traces.clipped)
-        for stated in ((below_force - limit, below_force + limit), None)
-    )
-    return {"limit": limit} if of_all or not of_each else {}
+
+    def gives_the_same(stated: tuple[float, float] | None) -> bool:
+        return np.array_equal(at_limit(traces, signal.quantity, stated), traces.clipped)
+
+    of_all = gives_the_same(signal.model_copy(update={"limit": limit}).limits_si)
+    return {"limit": limit} if of_all or not gives_the_same(None) else {}
 
 
 def long_table(impacts: pd.Index, traces: Traces) -> pd.DataFrame:

@@ -139,19 +139,16 @@ def plan(
         >>> print(plan.answer)
         >>> plan.report("plans/exponent")
     """
+    lists: dict[str, Any] = {"people": people, "masses_kg": masses_kg, "repeats": repeats}
+    lists |= {"velocities_m_s": velocities_m_s}
+    others: dict[str, Any] = {"within": within, "groups": groups, "model": model, "K": K, "C": C}
     if file is not None:
-        stated: dict[str, Any] = {"people": people, "masses_kg": masses_kg, "ask": ask, "repeats": repeats}
-        stated |= {"velocities_m_s": velocities_m_s, "within": within, "groups": groups}
-        stated |= {"model": model, "K": K, "C": C}
-        defaults = plan.__kwdefaults__ or {}
+        stated, defaults = {**lists, "ask": ask, **others}, plan.__kwdefaults__ or {}
         if named := [name for name, value in stated.items() if not np.array_equal(value, defaults[name])]:
             raise InputError.stated("impossible-plan.both", "arguments", None, named[0], option=named[0])
         specification, source = read_plan(path_argument("file", file, "the path of a plan file")), str(file)
     else:
-        numbers = {"people": people, "masses_kg": masses_kg, "repeats": repeats}
-        lists = numbers | {"velocities_m_s": velocities_m_s}
-        content = content_of(lists, ask, within=within, groups=groups, model=model, K=K, C=C)
-        specification, source = plan_of(content, "arguments"), "arguments"
+        specification, source = plan_of(content_of(lists, ask, **others), "arguments"), "arguments"
     specification = with_changes(specification, source, "after", run=after, dataset=dataset)
     specification = with_changes(specification, source, "goal", studies=studies, seed=seed)
     runtime.release_compiled()
